@@ -1,0 +1,1 @@
+"""Samples in, what a law needs out. A new estimator is one file and one line here."""

@@ -1,0 +1,71 @@
+"""What laws and estimators are made of, written once for flying and for the study.
+
+A kernel is a plain scalar function on floats and NamedTuples of floats that calls nothing but `math` and other kernels:
+the flying loop calls it as it is, the study compiles the very same function. A missing value is NaN, never None.
+
+Axes: x east, y north, heading psi counter-clockwise from east, turn rate u = psi-dot; theta is the bearing from the line
+of sight (towards the target) to the heading, so that r_dot = -V cos(theta) (NOTES: the paper's polar form).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+NAN = math.nan
+
+
+class Motion(NamedTuple):
+    """How the vehicle moves now, by its own sensors: what an estimator is carried with."""
+
+    V: float = NAN  # speed the law uses: ground speed (multirotor) or true airspeed (plane), m/s
+    u: float = NAN  # turn rate flown (measured yaw rate, else the last command), rad/s, + counter-clockwise
+    psi: float = NAN  # heading, rad, counter-clockwise from east; NaN without a compass
+
+
+class Estimate(NamedTuple):
+    """What an estimator knows of the target at a tick, and what a law steers by."""
+
+    r: float = NAN  # range, m
+    r_dot: float = NAN  # range rate, m/s, + opening
+    V: float = NAN  # speed, m/s
+    u: float = NAN  # turn rate flown now, rad/s
+    theta: float = NAN  # bearing from the line of sight to the heading, rad
+    psi: float = NAN  # heading, rad
+    px: float = NAN  # target minus vehicle, east, m
+    py: float = NAN  # target minus vehicle, north, m
+    wx: float = NAN  # drift = wind minus target velocity, east, m/s
+    wy: float = NAN  # drift, north, m/s
+
+
+def mirror(est: Estimate) -> Estimate:
+    """Return the estimate reflected in the east axis: laws are written for the clockwise orbit only.
+
+    An anticlockwise orbit is `-law(mirror(est), par)`. r, r_dot and V do not change in a mirror.
+    """
+    return Estimate(est.r, est.r_dot, est.V, -est.u, -est.theta, -est.psi, est.px, -est.py, est.wx, -est.wy)
+
+
+@dataclass(frozen=True, slots=True)
+class LawContext:
+    """What a law may know of the flight when its parameters are made. NaN where nothing is configured."""
+
+    r_a: float  # orbit radius, m
+    V: float  # configured speed, m/s
+    turn_rate_limit: float  # rad/s
+    turn_lag_s: float  # first-order lag of the turn rate of this vehicle class, s
+    r_min: float = NAN  # least range allowed, m
+
+
+@dataclass(frozen=True, slots=True)
+class Law:
+    """A registered guidance law: the plug that config, check, compare and the shared tests read."""
+
+    name: str
+    turn_rate: Callable[[Estimate, Any], float]  # (estimate, parameters) -> u [rad/s] for the clockwise orbit
+    parameters: Callable[[Mapping[str, float], LawContext], Any]  # options -> NamedTuple of floats; ValueError in words
+    options: Mapping[str, float]  # every key of the `law:` section with its default; NaN = not given
+    needs: tuple[str, ...]  # fields of Estimate that must be finite
+    source: str  # paper and equation
