@@ -3,8 +3,8 @@
 A kernel is a plain scalar function on floats and NamedTuples of floats that calls nothing but `math` and other kernels:
 the flying loop calls it as it is, the study compiles the very same function. A missing value is NaN, never None.
 
-Axes: x east, y north, heading psi counter-clockwise from east, turn rate u = psi-dot; theta is the bearing from the line
-of sight (towards the target) to the heading, so that r_dot = -V cos(theta) (NOTES: the paper's polar form).
+Axes: x east, y north, heading psi counter-clockwise from east, turn rate u = psi-dot; theta is the bearing from the
+line of sight (towards the target) to the heading, so that r_dot = -V cos(theta) (NOTES: the paper's polar form).
 """
 
 from __future__ import annotations

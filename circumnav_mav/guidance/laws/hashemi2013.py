@@ -52,7 +52,8 @@ def gain(options: Mapping[str, float], r_a: float) -> float:
         raise ValueError("the gain must be a finite number")
     if kappa < KAPPA_LEAST:
         raise ValueError(
-            f"kappa = k * radius_m is {kappa:.4g}, but no orbit exists below 1: raise kappa to 1 or more (k to 1/radius_m)"
+            f"kappa = k * radius_m is {kappa:.4g}, but no orbit exists below 1: "
+            "raise kappa to 1 or more (k to 1/radius_m)"
         )
     return max(1.0, kappa)
 
