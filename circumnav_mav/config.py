@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Iterator
+from math import nan
 from pathlib import Path as FilePath
 from typing import Annotated, Any, Literal, NamedTuple
 
@@ -11,6 +12,7 @@ import yaml
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
 
 from circumnav_mav import endpoint
+from circumnav_mav.guidance.computer import GuidanceSettings
 from circumnav_mav.guidance.estimators import ESTIMATORS
 from circumnav_mav.guidance.kernel import LawContext
 from circumnav_mav.guidance.laws import LAWS
@@ -137,8 +139,8 @@ class Config(Section):
     vehicle: Vehicle = Vehicle()  # type: ignore[call-arg]
     ranging: Ranging = Ranging()  # type: ignore[call-arg]
     orbit: Orbit = Orbit()
-    law: LawChoice = LawChoice()
-    estimator: EstimatorChoice = EstimatorChoice()
+    law: LawChoice = Field(default_factory=lambda: LawChoice.model_validate({}))
+    estimator: EstimatorChoice = Field(default_factory=lambda: EstimatorChoice.model_validate({}))
     limits: Limits = Limits()
     loop: Loop = Loop()
     engage: Literal["pilot", "auto"] = "pilot"
@@ -157,6 +159,25 @@ class Config(Section):
 
 TURN_LAG_S = {"px4_multirotor": 0.45}
 """Time to 63 % of a step in turn rate, by vehicle class (measured)."""
+
+
+def guidance_settings(config: Config) -> GuidanceSettings:
+    """Return the part of the configuration that the guidance computer is built from."""
+    orbit, ranging = config.orbit, config.ranging
+    return GuidanceSettings(
+        law=config.law.name,
+        law_options=config.law.options,
+        estimator=config.estimator.name,
+        estimator_options=config.estimator.options,
+        context=config.law_context(),
+        clockwise=orbit.direction == "clockwise",
+        turn_accel_limit_rad_s2=config.limits.turn_accel_rad_s2,
+        max_age_s=ranging.max_age_s,
+        coast_s=ranging.coast_s,
+        sigma_m=ranging.sigma_m,
+        height_m=nan if orbit.height_m is None else orbit.height_m,
+        target_height_m=nan if ranging.target_height_m is None else ranging.target_height_m,
+    )
 
 
 class Fault(NamedTuple):

@@ -48,11 +48,12 @@ class CommandQueue:
         self._tries = 0
         self._next_s = nan
         self.failures: list[Failure] = []
+        self.accepted: set[str] = set()
+        """Purposes of the commands that were accepted."""
 
-    @property
-    def idle(self) -> bool:
-        """Whether everything has been answered or given up."""
-        return self._current is None and not self._waiting
+    def failure(self, purpose: str) -> Failure | None:
+        """Return the newest failure of commands with this purpose."""
+        return next((f for f in reversed(self.failures) if f.command.purpose == purpose), None)
 
     def push(self, command: int, *params: float, purpose: str) -> None:
         """Queue a command; missing parameters are 0."""
@@ -67,7 +68,9 @@ class CommandQueue:
         """Take in a COMMAND_ACK."""
         if self._current is None or command != self._current.command or result == IN_PROGRESS:
             return
-        if result != enums.MAV_RESULT_ACCEPTED:
+        if result == enums.MAV_RESULT_ACCEPTED:
+            self.accepted.add(self._current.purpose)
+        else:
             self.failures.append(Failure(self._current, result))
         self._current = None
 
