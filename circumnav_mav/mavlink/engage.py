@@ -1,6 +1,6 @@
-"""`engage: auto`: arm, take off, ask for OFFBOARD, for a vehicle that stood disarmed on the ground at first sight.
+"""`engage: auto`: arm, take off, ask for OFFBOARD, for a vehicle that is disarmed on the ground at first sight.
 
-Anything else (armed, in the air, a pilot who changes the mode on the way) is left to the pilot, as with `engage: pilot`.
+Anything else (armed, in the air, a pilot who changes the mode on the way) is left to the pilot, as with engage: pilot.
 """
 
 from __future__ import annotations

@@ -16,6 +16,8 @@ from circumnav_mav.types import TurnRateSetpoint
 
 VELOCITY_AND_YAW_RATE = 1479
 """type_mask: use vx, vy, vz and yaw_rate, ignore the rest. PX4 takes all three velocities or none."""
+VELOCITY_LAG_S = 0.6
+"""Lag of the course behind the nose on a PX4 multirotor (measured 0.59 s), taken out by lead_s."""
 ROUNDING = 1e-9
 
 

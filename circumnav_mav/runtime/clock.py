@@ -28,23 +28,18 @@ class Clock:
 async def run_on_grid(clock: Clock, rate_hz: float, tick: Callable[[float, float, int], bool]) -> None:
     """Call tick(now_s, lateness_s, missed) on the grid start + n / rate_hz until it returns False.
 
-    A missed grid point is skipped and counted, never made up for in a burst. now_s is flight time; lateness_s is how long
-    after its grid point the tick began, in wall seconds.
+    A missed grid point is skipped and counted, never made up for in a burst. now_s: flight time; lateness_s: how long
+    after its grid point the tick began, in wall seconds; missed: grid points skipped since the tick before.
     """
     start_s = clock.now()
-    n = 0
-    while True:
-        now_s = clock.now()
-        due = ceil((now_s - start_s) * rate_hz)
-        missed = max(0, due - 1 - n)  # whole grid points that have gone by
-        n += missed
-        late_s = (now_s - (start_s + n / rate_hz)) / clock.speed
-        if not tick(now_s, late_s, missed):
-            return
-        n = max(n + 1, ceil((clock.now() - start_s) * rate_hz)) if missed else n + 1
+    n = missed = 0
+    while tick(now_s := clock.now(), (now_s - start_s - n / rate_hz) / clock.speed, missed):
+        n_next = max(n + 1, ceil((clock.now() - start_s) * rate_hz))
+        missed = n_next - n - 1
+        n = n_next
         await clock.sleep_until(start_s + n / rate_hz)
 
 
 def new_event_loop() -> asyncio.AbstractEventLoop:
-    """Return an event loop whose timers do not wake late: epoll rounds time-outs up to a millisecond, select does not."""
+    """Return an event loop whose timers do not wake late: epoll rounds up to a millisecond, select does not."""
     return asyncio.SelectorEventLoop(selectors.SelectSelector())

@@ -1,4 +1,4 @@
-"""What the operating system and the garbage collector can be asked for, so that ticks are on time. None of it is needed."""
+"""What the system and the garbage collector can be asked for, so that ticks are on time. None of it is needed."""
 
 from __future__ import annotations
 

@@ -10,6 +10,7 @@ import json
 import os
 import subprocess
 import sys
+from contextlib import suppress
 from math import isfinite
 from typing import Any, Protocol, TextIO
 
@@ -82,10 +83,8 @@ class LiveView:
         self._write({"event": f"{t_s:8.1f} s  {text}"})
 
     def _write(self, item: dict[str, Any]) -> None:
-        try:
+        with suppress(OSError):  # a viewer that is slow or gone must not matter to a flight
             os.write(self._pipe, (json.dumps(item) + "\n").encode())
-        except OSError:
-            pass  # a viewer that is slow or gone must not matter to a flight
 
     def close(self) -> None:
         """Let the child draw the last picture and go."""
