@@ -37,7 +37,8 @@ def consequences(config: Config) -> Iterator[str]:
     yield f"vehicle    {config.vehicle.kind} on {config.vehicle.link}, engage: {config.engage}"
     where = ranging.endpoint or "the vehicle's link"
     yield f"range      {ranging.source} on {where}"
-    yield f"range lost stale after {ranging.max_age_s:g} s, carried for {ranging.coast_s:g} s, then {config.on_range_lost}"
+    late = f"stale after {ranging.max_age_s:g} s, carried for {ranging.coast_s:g} s"
+    yield f"range lost {late}, then {config.on_range_lost}"
     yield f"orbit      {orbit.radius_m:g} m {orbit.direction} at {orbit.speed_m_s:g} m/s"
     yield f"guidance   {law.name} ({law.source}) on estimator {estimator.name}"
     found = findings(config)

@@ -110,7 +110,7 @@ class AutopilotLink:
         self._packer.sysid = self.autopilot.sysid
         self._set_up()
         if self._timesync is not None:
-            due.append(self._packer.pack("TIMESYNC", tc1=int(now_s * 1e9), ts1=self._timesync, **self._target()))
+            due.append(self._packer.pack("TIMESYNC", tc1=int(now_s * 1e9), ts1=self._timesync))
             self._timesync = None
         due += [self._command(command) for command in self.commands.poll(now_s)]
         due += [self._mode(request) for request in self.authority.poll(now_s)]
