@@ -9,6 +9,8 @@ accepted is kept and any other is rejected, because two beacons mixed into one c
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
+from difflib import get_close_matches
 from typing import Any
 
 from circumnav_mav.ranging.counts import Counts
@@ -144,3 +146,15 @@ class ByteReceiver(_Receiver):
     def feed(self, data: bytes, now_s: float) -> list[RangeSample | Rejected]:
         """Take bytes that arrived at `now_s` [s, monotonic], in any pieces; return what they complete, oldest first."""
         return [self._finish(None, reading, now_s) for reading in self._decoder.feed(data, now_s)]
+
+
+def check_options(source: Source, given: Iterable[str]) -> None:
+    """Raise ValueError that names every option the source does not know, with the nearest that it knows."""
+    known = list(source.options) if isinstance(source, ByteSource) else []
+    faults = []
+    for key in given:
+        if key not in known:
+            near = get_close_matches(key, known, n=1)
+            faults.append(f"ranging.{key} is unknown to {source.name}" + (f": did you mean {near[0]}?" if near else ""))
+    if faults:
+        raise ValueError("; ".join(faults))
