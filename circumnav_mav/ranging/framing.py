@@ -61,7 +61,7 @@ class FrameScanner:
     reported as one bad_frame before the next frame, or every NOISE_REPORT_BYTES.
     """
 
-    def __init__(self, head: int, longest: int, probe: Callable[[bytes], int]) -> None:
+    def __init__(self, head: int, longest: int, probe: Callable[[memoryview], int]) -> None:
         self._head = head
         self._longest = longest
         self._probe = probe
@@ -71,26 +71,31 @@ class FrameScanner:
     def feed(self, data: bytes, now_s: float) -> list[bytes | Rejected]:
         found: list[bytes | Rejected] = []
         self._buffer += data
+        with memoryview(self._buffer) as view:
+            used = self._scan(view, now_s, found)
+        del self._buffer[:used]
+        return found
+
+    def _scan(self, view: memoryview, now_s: float, found: list[bytes | Rejected]) -> int:
+        """Add to `found` what the buffer holds; return how many of its bytes are done with."""
         at = 0
-        while at < len(self._buffer):
+        while True:
             start = self._buffer.find(self._head, at)
-            start = len(self._buffer) if start < 0 else start
+            start = len(view) if start < 0 else start
             found += self._add_noise(start - at, now_s)
             at = start
-            if at == len(self._buffer):
-                break
-            length = self._probe(bytes(self._buffer[at : at + self._longest]))
+            if at == len(view):
+                return at
+            length = self._probe(view[at : at + self._longest])
             if length == NEED_MORE:
-                break
+                return at
             if length == NO_FRAME:
                 found += self._add_noise(1, now_s)
                 at += 1
-                continue
-            found += self._end_noise(now_s)
-            found.append(bytes(self._buffer[at : at + length]))
-            at += length
-        del self._buffer[:at]
-        return found
+            else:
+                found += self._end_noise(now_s)
+                found.append(bytes(view[at : at + length]))
+                at += length
 
     def _add_noise(self, count: int, now_s: float) -> list[Rejected]:
         reports: list[Rejected] = []

@@ -29,7 +29,7 @@ class _Shape(NamedTuple):
 SHAPES = {0x04: _Shape(119, 13, 102), 0x05: _Shape(21, 7, 6)}
 
 
-def _probe(candidate: bytes) -> int:
+def _probe(candidate: memoryview) -> int:
     if len(candidate) < 4:
         return NEED_MORE if len(candidate) < 2 or candidate[1] in SHAPES else NO_FRAME
     shape = SHAPES.get(candidate[1])

@@ -118,6 +118,7 @@ class MessageReceiver(_Receiver):
         super().__init__(source, settings)
         self.message_ids = frozenset(source.message_ids)
         self.autopilot: tuple[int, int] | None = None
+        self._from = None if settings.from_ is None else tuple(settings.from_)  # a list out of a file will do
         self._read = source.read
 
     def on_message(self, system: int, component: int, fields: Any, now_s: float) -> RangeSample | Rejected:
@@ -127,7 +128,7 @@ class MessageReceiver(_Receiver):
         return self._finish(sender, reading, now_s)
 
     def _match_sender(self, sender: tuple[int, int], now_s: float) -> Rejected | None:
-        want = self._settings.from_
+        want = self._from
         if sender == self.autopilot or (want is None and sender[1] == AUTOPILOT_COMPONENT):
             # An autopilot streams its own range finder, and echoes ours late, rounded and under another id (PX4.md 7).
             return Rejected(now_s, Reason.WRONG_SOURCE, f"{sender} is an autopilot: its own range finder or an echo")

@@ -15,7 +15,7 @@ from circumnav_mav.types import Rejected
 HEAD, VERSION, LENGTH = 0xFE, 0x02, 6
 
 
-def _probe(candidate: bytes) -> int:
+def _probe(candidate: memoryview) -> int:
     if len(candidate) > 1 and candidate[1] != VERSION:
         return NO_FRAME
     if len(candidate) < LENGTH:
