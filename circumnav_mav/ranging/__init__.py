@@ -2,9 +2,21 @@
 
 from __future__ import annotations
 
-from circumnav_mav.ranging import distance_sensor, landing_target, rangefinder, ranging_beacon
+from circumnav_mav.ranging import (
+    distance_sensor,
+    dwm1001_les,
+    landing_target,
+    lightware,
+    lines,
+    linktrack,
+    omnipresense,
+    rangefinder,
+    ranging_beacon,
+    replay,
+    us_d1,
+)
 from circumnav_mav.ranging.plug import ByteSource, MessageSource, Settings, Source
-from circumnav_mav.ranging.receiver import ByteReceiver, MessageReceiver
+from circumnav_mav.ranging.receiver import ByteReceiver, MessageReceiver, check_options
 
 SOURCES: dict[str, Source] = {
     source.name: source
@@ -13,6 +25,13 @@ SOURCES: dict[str, Source] = {
         ranging_beacon.SOURCE,
         landing_target.SOURCE,
         rangefinder.SOURCE,
+        linktrack.SOURCE,
+        dwm1001_les.SOURCE,
+        lightware.SOURCE,
+        us_d1.SOURCE,
+        omnipresense.SOURCE,
+        lines.SOURCE,
+        replay.SOURCE,
     )
 }
 
@@ -22,6 +41,7 @@ def open_receiver(name: str, settings: Settings) -> MessageReceiver | ByteReceiv
     source = SOURCES.get(name)
     if source is None:
         raise ValueError(f"no ranging source is called {name!r}; there are: {', '.join(sorted(SOURCES))}")
+    check_options(source, settings.options)
     if isinstance(source, MessageSource):
         return MessageReceiver(source, settings)
     return ByteReceiver(source, settings)

@@ -110,6 +110,31 @@ class ByteSource:
     baud: int = 115_200
     has_rate: bool = False
     options: Mapping[str, str] = field(default_factory=dict)  # every key it understands, with what it means
+    start: tuple[tuple[float, bytes], ...] = ()  # (wait s, send) steps that make a silent device talk
 
 
 Source: TypeAlias = MessageSource | ByteSource
+
+
+def number(options: Mapping[str, Any], key: str, default: float, least: float = -math.inf) -> float:
+    """Return the option `key` as a finite number of at least `least`. Raises ValueError, in words."""
+    if key not in options:
+        return default
+    value = options[key]
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value) or value < least:
+        wanted = "a number" if least == -math.inf else f"a number of at least {least:g}"
+        raise ValueError(f"ranging.{key} is {value!r}, but must be {wanted}")
+    return float(value)
+
+
+def finite(value: Any) -> float:
+    """Return a device's number, which may come as text. Raises ValueError for what is none or not finite."""
+    if isinstance(value, bool) or not isinstance(value, int | float | str):
+        raise ValueError(f"{value!r} is not a number")
+    try:
+        result = float(value)
+    except OverflowError as error:
+        raise ValueError("too great a number") from error
+    if not math.isfinite(result):
+        raise ValueError(f"{value!r} is not finite")
+    return result

@@ -9,6 +9,8 @@ accepted is kept and any other is rejected, because two beacons mixed into one c
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
+from difflib import get_close_matches
 from typing import Any
 
 from circumnav_mav.ranging.counts import Counts
@@ -116,6 +118,7 @@ class MessageReceiver(_Receiver):
         super().__init__(source, settings)
         self.message_ids = frozenset(source.message_ids)
         self.autopilot: tuple[int, int] | None = None
+        self._from = None if settings.from_ is None else tuple(settings.from_)  # a list out of a file will do
         self._read = source.read
 
     def on_message(self, system: int, component: int, fields: Any, now_s: float) -> RangeSample | Rejected:
@@ -125,7 +128,7 @@ class MessageReceiver(_Receiver):
         return self._finish(sender, reading, now_s)
 
     def _match_sender(self, sender: tuple[int, int], now_s: float) -> Rejected | None:
-        want = self._settings.from_
+        want = self._from
         if sender == self.autopilot or (want is None and sender[1] == AUTOPILOT_COMPONENT):
             # An autopilot streams its own range finder, and echoes ours late, rounded and under another id (PX4.md 7).
             return Rejected(now_s, Reason.WRONG_SOURCE, f"{sender} is an autopilot: its own range finder or an echo")
@@ -144,3 +147,15 @@ class ByteReceiver(_Receiver):
     def feed(self, data: bytes, now_s: float) -> list[RangeSample | Rejected]:
         """Take bytes that arrived at `now_s` [s, monotonic], in any pieces; return what they complete, oldest first."""
         return [self._finish(None, reading, now_s) for reading in self._decoder.feed(data, now_s)]
+
+
+def check_options(source: Source, given: Iterable[str]) -> None:
+    """Raise ValueError that names every option the source does not know, with the nearest that it knows."""
+    known = list(source.options) if isinstance(source, ByteSource) else []
+    faults = []
+    for key in given:
+        if key not in known:
+            near = get_close_matches(key, known, n=1)
+            faults.append(f"ranging.{key} is unknown to {source.name}" + (f": did you mean {near[0]}?" if near else ""))
+    if faults:
+        raise ValueError("; ".join(faults))

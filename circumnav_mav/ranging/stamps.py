@@ -14,7 +14,7 @@ WINDOW_S = 60.0
 """How long a least difference is believed: clocks drift by up to 50 us a second, 3 ms in a window."""
 
 BUCKETS = 6
-RESTART_S = 1.0
+RESTART_S = 0.1
 RESTART_AFTER = 3
 
 

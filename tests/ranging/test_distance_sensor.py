@@ -201,3 +201,15 @@ def test_what_another_sender_said_first_does_not_colour_our_clock():
         sample = ranging.on_message(*COMPANION, frame(time_boot_ms=1000 + 100 * n), 7.1 + 0.1 * n)
         assert isinstance(sample, RangeSample)
         assert sample.t_s == pytest.approx(7.1 + 0.1 * n)
+
+
+PX4_DOWNWARD = "fd0d0000aa05018400002873000000001027fe010000199d8b"
+"""PX4 v1.16.0 (SIH, system 5) about its own range finder, 5.10 m above ground, as recorded on its companion link."""
+
+
+def test_a_recorded_height_above_ground_is_a_decoy_whoever_forwards_it():
+    recorded = mavlink.MAVLink(None).decode(bytearray.fromhex(PX4_DOWNWARD))
+    assert recorded.current_distance == 510
+    assert reason(receiver().on_message(5, 1, recorded, 30.0)) == "wrong_source"
+    assert reason(receiver().on_message(5, 158, recorded, 30.0)) == "decoy_orientation"
+    assert reason(receiver(from_=[5, 158]).on_message(5, 158, recorded, 30.0)) == "decoy_orientation"
