@@ -1,7 +1,7 @@
 """The paper's plant, stepped in batches: exact arcs between control instants, noise read from an array, laws untouched.
 
 Heading is carried as a unit vector and turned by short polynomials of our own, so that the inner loops, which run over
-the trajectories of one block, vectorise; the law's kernel is inlined into them as it stands. Without numba the same
+the trajectories of a block, vectorise; the law's kernel is inlined into them as it stands. Without numba the same
 functions run as plain Python, slowly. Axes and signs as in guidance/kernel.py; the target is the origin.
 """
 
@@ -27,7 +27,7 @@ Floats = NDArray[np.float64]
 F = TypeVar("F", bound=Callable[..., Any])
 
 LANES = 16
-"""Trajectories in a block. Short blocks are padded, so that a trajectory's arithmetic never depends on its company."""
+"""Trajectories flown side by side. Short batches are padded: a trajectory's arithmetic never depends on its company."""
 
 TILE = 128
 """Steps of noise turned from trajectory-major to step-major at a time."""
@@ -95,37 +95,38 @@ def _advance(
 advance = compiled(_advance, inline=True)
 
 
-def _block(
+def _batch(
     law: Callable[..., float],
     par: Any,
     plant: tuple[float, float, float, float, float],  # V, hold_s, wx, wy, r_a
-    start: Floats,  # (4, LANES): x, y, cos psi, sin psi
-    noise: Floats,  # (LANES, steps), m/s, on r_dot
+    start: Floats,  # (4, n): x, y, cos psi, sin psi; n a multiple of LANES
+    noise: Floats,  # (n, steps), m/s, on r_dot
     delay: int,  # control instants from a measurement to the turn that it causes
     tail_from: int,  # first control instant of the tail
-    sums: Floats,  # (2, 4, LANES), out: before the tail, and in it; in the order of SUMS
+    sums: Floats,  # (2, 4, n), out: before the tail, and in it; in the order of SUMS
 ) -> None:
-    """Fly LANES trajectories. u is asked for at each control instant and held until the next."""
+    """Fly n trajectories, LANES at a time. u is asked for at each control instant and held until the next."""
     V, hold_s, wx, wy, r_a = plant
-    steps = noise.shape[1]
-    x, y, c, s = start[0].copy(), start[1].copy(), start[2].copy(), start[3].copy()
-    before, total = np.zeros((4, LANES)), np.zeros((4, LANES))
+    n, steps = noise.shape
+    x, y, c, s = np.empty(LANES), np.empty(LANES), np.empty(LANES), np.empty(LANES)
+    total, held, tile = np.empty((4, LANES)), np.empty((delay + 1, LANES)), np.empty((TILE, LANES))
     error, error2, rdot2, u2 = total[0], total[1], total[2], total[3]
-    held = np.zeros((delay + 1, LANES))
-    tile = np.empty((TILE, LANES))
-    for first in range(0, steps, TILE):
-        size = min(TILE, steps - first)
+    for block in range(0, n, LANES):
         for j in range(LANES):
-            for i in range(size):
-                tile[i, j] = noise[j, first + i]
-        for i in range(size):
-            n = first + i
-            if n == tail_from:
+            x[j], y[j], c[j], s[j] = start[0, block + j], start[1, block + j], start[2, block + j], start[3, block + j]
+        held[:] = 0.0
+        for m in range(steps):
+            row = m % TILE
+            if row == 0:
+                for j in range(LANES):
+                    for i in range(min(TILE, steps - m)):
+                        tile[i, j] = noise[block + j, m + i]
+            if m == 0 or m == tail_from:
                 for q in range(4):
                     for j in range(LANES):
-                        before[q, j] = total[q, j]
+                        sums[0, q, block + j] = total[q, j] if m > 0 else 0.0
                         total[q, j] = 0.0
-            asked, turned, nu = held[n % (delay + 1)], held[(n + 1) % (delay + 1)], tile[i]
+            asked, turned, nu = held[m % (delay + 1)], held[(m + 1) % (delay + 1)], tile[row]
             for j in range(LANES):
                 r = math.sqrt(x[j] * x[j] + y[j] * y[j])
                 r_dot = (x[j] * (V * c[j] + wx) + y[j] * (V * s[j] + wy)) / r
@@ -139,44 +140,9 @@ def _block(
                 u2[j] += u * u
             for j in range(LANES):
                 x[j], y[j], c[j], s[j] = advance(x[j], y[j], c[j], s[j], turned[j], V, hold_s, wx, wy)
-    for q in range(4):
-        for j in range(LANES):
-            sums[0, q, j] = before[q, j]
-            sums[1, q, j] = total[q, j]
-
-
-block = compiled(_block)
-
-
-def _batch(
-    law: Callable[..., float],
-    par: Any,
-    plant: tuple[float, float, float, float, float],
-    start: Floats,  # (4, n)
-    noise: Floats,  # (n, steps)
-    delay: int,
-    tail_from: int,
-    sums: Floats,  # (2, 4, n), out
-) -> None:
-    """Fly n trajectories block by block; the last block is filled up with copies of its first trajectory."""
-    n, steps = noise.shape
-    some_start, some_noise, some_sums = np.empty((4, LANES)), np.empty((LANES, steps)), np.empty((2, 4, LANES))
-    for first in range(0, n, LANES):
-        for j in range(LANES):
-            i = first + j if first + j < n else first
-            for q in range(4):
-                some_start[q, j] = start[q, i]
-            if n - first < LANES:
-                for m in range(steps):
-                    some_noise[j, m] = noise[i, m]
-        if n - first < LANES:
-            block(law, par, plant, some_start, some_noise, delay, tail_from, some_sums)
-        else:
-            block(law, par, plant, some_start, noise[first : first + LANES], delay, tail_from, some_sums)
-        for j in range(min(LANES, n - first)):
-            for part in range(2):
-                for q in range(4):
-                    sums[part, q, first + j] = some_sums[part, q, j]
+        for q in range(4):
+            for j in range(LANES):
+                sums[1, q, block + j] = total[q, j]
 
 
 batch = compiled(_batch)

@@ -144,6 +144,8 @@ def test_noise_is_normal_and_rows_are_strangers():
     assert abs((draws[:, 1:] * draws[:, :-1]).mean()) < 4 / math.sqrt(n)
     assert not np.array_equal(draws[:, :3], run.normals(2, 4, 0, 400, 3))
     assert np.array_equal(draws[10:12, :3], run.normals(2, 3, 10, 2, 3))
+    made_anew = np.random.Generator(np.random.Philox(key=np.array([2, (3 << 32) + 11], dtype=np.uint64)))
+    assert np.array_equal(draws[11], made_anew.standard_normal(500))
 
 
 def test_saved_results_load_again_bit_for_bit(tmp_path):
