@@ -109,7 +109,7 @@ def track_of(config: Config, ticks: dict[str, list[str]], truth: dict[str, list[
     """Return the orbit error while the app held the aircraft."""
     radius = config.orbit.radius_m
     if truth and truth.get("t_s"):
-        held = np.array([mode == "Offboard" for mode in truth["mode"]], dtype=bool)
+        held = np.array([mode.upper() == "OFFBOARD" for mode in truth["mode"]], dtype=bool)
         return Track("truth", numbers(truth["t_s"])[held], numbers(truth["horizontal_range_m"])[held] - radius)
     held = np.array([phase in ENGAGED_NAMES for phase in ticks.get("phase", [])], dtype=bool)
     return Track("estimate", numbers(ticks.get("t_s", []))[held], numbers(ticks.get("r_m", []))[held] - radius)
@@ -186,12 +186,12 @@ def draw(
 def _draw_track(axes: Any, config: Config, truth: dict[str, list[str]]) -> None:
     beacon_east, beacon_north = numbers(truth["beacon_east_m"]), numbers(truth["beacon_north_m"])
     east, north = numbers(truth["east_m"]) - beacon_east, numbers(truth["north_m"]) - beacon_north
-    held = np.array([mode == "Offboard" for mode in truth["mode"]], dtype=bool)
-    axes.add_patch(_circle(config.orbit.radius_m))
+    held = np.array([mode.upper() == "OFFBOARD" for mode in truth["mode"]], dtype=bool)
     axes.plot(east, north, color="0.7", lw=1, label="before and after")
     axes.plot(
         np.where(held, east, np.nan), np.where(held, north, np.nan), color="tab:blue", lw=1.2, label="circumnav flies"
     )
+    axes.add_patch(_circle(config.orbit.radius_m))
     axes.plot(0, 0, "k*", ms=10, label="beacon (unknown to the app)")
     axes.plot(east[0], north[0], "o", color="tab:green", label="start")
     axes.set(xlabel="east of the beacon [m]", ylabel="north of the beacon [m]", title="track (truth)", aspect="equal")
@@ -202,7 +202,7 @@ def _draw_track(axes: Any, config: Config, truth: dict[str, list[str]]) -> None:
 def _circle(radius_m: float) -> Any:
     from matplotlib.patches import Circle
 
-    return Circle((0, 0), radius_m, fill=False, ls="--", color="tab:orange", lw=1.2, label="orbit wanted")
+    return Circle((0, 0), radius_m, fill=False, ls="--", color="tab:orange", lw=1.5, zorder=3, label="orbit wanted")
 
 
 def _draw_range(axes: Any, config: Config, ticks: dict[str, list[str]]) -> None:

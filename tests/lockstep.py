@@ -92,7 +92,9 @@ class Log:
 class Rig:
     """App and vehicle. `setpoints` holds every setpoint frame that reached the vehicle: (time, frame)."""
 
-    def __init__(self, config: Config, stub_config: StubConfig, wire: Callable[[bytes, str], Iterator[bytes]] | None = None):
+    def __init__(
+        self, config: Config, stub_config: StubConfig, wire: Callable[[bytes, str], Iterator[bytes]] | None = None
+    ):
         self.config = config
         self.stub = Stub(stub_config)
         self.flight = Flight(config)

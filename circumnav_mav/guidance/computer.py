@@ -101,7 +101,7 @@ class GuidanceComputer:
         flat = self._horizontal(sample, height_m)
         if isinstance(flat, Rejected):
             return flat
-        rejected = self.estimator.on_sample(flat, motion)
+        rejected = self.estimator.on_sample(flat, self._motion(motion)[0])
         if rejected is None:
             self._fresh_s = sample.t_s
         return rejected
@@ -133,10 +133,9 @@ class GuidanceComputer:
         return Decision(self.phase, self.reason, setpoint, estimate, wanted, saturated, source)
 
     def _motion(self, motion: Motion) -> tuple[Motion, str]:
-        """The speed flown, or the configured one while there is none worth believing (hover, take-off)."""
-        configured = self._settings.context.V
-        if isnan(motion.V) or 0.5 * configured > motion.V:
-            return motion._replace(V=configured), "configured"
+        """The motion with the speed flown, or the configured speed where none is measured."""
+        if isnan(motion.V):
+            return motion._replace(V=self._settings.context.V), "configured"
         return motion, "measured"
 
     def _change_phase(self, now_s: float, status: Status, estimate: Estimate | None) -> None:

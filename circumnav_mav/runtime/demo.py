@@ -68,10 +68,20 @@ def run_demo(config: Config, *, speed: float, seed: int, duration_s: float | Non
     beacon = f"{START_M * math.cos(bearing):.3f},{START_M * math.sin(bearing):.3f}"
 
     def start_stub(port: int) -> None:
-        command = [sys.executable, "-m", "sitl_stub", "--quiet", "--offboard-port", str(port), "--offboard-listen", "0"]
-        command += ["--gcs-port", "0", "--speed", f"{speed:g}", "--seed", str(seed), "--beacon=" + beacon]
+        command = [sys.executable, "-m", "sitl_stub", "--offboard-port", str(port), "--offboard-listen", "0"]
+        command += [
+            "--gcs-port",
+            "0",
+            "--gcs-listen",
+            "0",
+            "--speed",
+            f"{speed:g}",
+            "--seed",
+            str(seed),
+            "--beacon=" + beacon,
+        ]
         command += ["--sigma", f"{config.ranging.sigma_m:g}", "--truth", str(truth), *stub_args]
-        stub.append(subprocess.Popen(command, start_new_session=True))
+        stub.append(subprocess.Popen(command, start_new_session=True, stdout=subprocess.DEVNULL))
 
     def stop_stub() -> None:
         for child in stub:

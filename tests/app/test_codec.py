@@ -106,7 +106,9 @@ def test_only_subscribed_messages_are_decoded():
     assert decoder.decoded == 1
 
 
-@pytest.mark.parametrize("name", ["SET_POSITION_TARGET_LOCAL_NED", "COMMAND_LONG", "HEARTBEAT", "TIMESYNC", "STATUSTEXT"])
+@pytest.mark.parametrize(
+    "name", ["SET_POSITION_TARGET_LOCAL_NED", "COMMAND_LONG", "HEARTBEAT", "TIMESYNC", "STATUSTEXT"]
+)
 def test_what_we_pack_pymavlink_reads(name):
     draw = random.Random(name)
     shape = by_name(name)

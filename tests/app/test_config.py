@@ -79,7 +79,9 @@ def test_the_reference_file_has_every_key_at_its_default_with_a_reason():
     assert config.model_copy(update={"law": Config().law}) == Config()
     assert guidance_settings(config).law_options == {"kappa": DEFAULT_KAPPA}  # the default, written out
     data = yaml.safe_load(path.read_text())
-    keys = {f"{name}.{field.alias or key}" for name, section in Config.model_fields.items() for key, field in inner(section)}
+    keys = {
+        f"{name}.{field.alias or key}" for name, section in Config.model_fields.items() for key, field in inner(section)
+    }
     written = {f"{name}.{key}" for name, section in data.items() if isinstance(section, dict) for key in section}
     assert keys <= written, f"keys without a line in {path.name}: {keys - written}"
     for line in path.read_text().splitlines():

@@ -78,6 +78,8 @@ def test_a_mirrored_estimate_keeps_range_and_rate():
 @pytest.mark.parametrize("law", LAWS.values(), ids=LAWS)
 def test_every_law_turns_clockwise_on_its_own_orbit(law):
     """Whatever a law reads: on the orbit, in still air, it must keep the orbit."""
-    est = Estimate(r=50.0, r_dot=0.0, V=5.0, u=-0.1, theta=math.pi / 2, psi=math.pi / 2, px=50.0, py=0.0, wx=0.0, wy=0.0)
+    est = Estimate(
+        r=50.0, r_dot=0.0, V=5.0, u=-0.1, theta=math.pi / 2, psi=math.pi / 2, px=50.0, py=0.0, wx=0.0, wy=0.0
+    )
     par = law.parameters(dict(law.options), CONTEXT)
     assert law.turn_rate(est, par) == pytest.approx(-0.1, rel=0.35)

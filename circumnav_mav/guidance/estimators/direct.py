@@ -24,6 +24,9 @@ from circumnav_mav.guidance.kernel import (
     Reading,
 )
 
+SLOW_SHARE = 0.7
+SLOW_ACCEL_PER_S = 0.5
+"""Acceleration noise while slow, as a share of the nominal speed a second: a multirotor gathers speed in 1 to 2 s."""
 WEIGHT_FLOOR = 1e-3
 """A side less likely than this starts again from the other one's state."""
 
@@ -47,12 +50,17 @@ class Side(NamedTuple):
     side: float
 
 
-def predict(h: Side, m: Moved, q: float) -> Side:
-    """Return the side after a motion: the target stays where it was, the vehicle moves and turns."""
+def predict(h: Side, m: Moved, par: Parameters) -> Side:
+    """Return the side after a motion: the target stays where it was, the vehicle moves and turns.
+
+    Below the speed it is to fly at, a vehicle hovers or gathers speed, and its range rate follows no turn: it is then
+    left to the readings (SLOW_ACCEL).
+    """
     dt = m.dt
     if dt <= 0.0:
         return h
     V = m.V
+    q = par.q if V > SLOW_SHARE * par.V else max(par.q, (SLOW_ACCEL_PER_S * par.V) ** 2)
     v_in = min(max(h.r_dot, -V), V)  # wind can open or close faster than V: the excess is kept as it is
     theta = h.side * acos(-v_in / V) if V > 0.0 else 0.0
     x, y = h.r * cos(theta) - m.ahead, -h.r * sin(theta) - m.left
@@ -60,9 +68,9 @@ def predict(h: Side, m: Moved, q: float) -> Side:
     prr = h.prr + dt * (2.0 * h.prv + dt * h.pvv) + q * dt**3 / 3.0
     prv = h.prv + dt * h.pvv + q * dt**2 / 2.0
     pvv = h.pvv + q * dt
-    if pvv > V * V:  # a range rate is never less known than within the speed; scaled so that it stays a covariance
-        prv *= V / sqrt(pvv)
-        pvv = V * V
+    if pvv > par.V**2:  # a range rate is never less known than within the speed; scaled so that it stays a covariance
+        prv *= par.V / sqrt(pvv)
+        pvv = par.V**2
     side = h.side if sin(theta) * h.side >= 0.0 else -h.side
     return Side(hypot(x, y), -V * cos(theta) + h.r_dot - v_in, prr, prv, pvv, h.weight, side)
 
@@ -121,7 +129,7 @@ def observe(bank: list[Side], mem: Memory, m: Moved, z: Reading, par: Parameters
         seed(bank, z, par, variance)
         return remember(mem, m.dt, nan, 0.0 if isnan(z.r_dot) else 1.0, 0.0)
     for i in range(2):
-        bank[i] = predict(bank[i], m, par.q)
+        bank[i] = predict(bank[i], m, par)
     h = bank[best_of(bank)]
     nis = (z.r - h.r) ** 2 / (h.prr + variance)
     if nis > par.gate**2:
@@ -140,7 +148,7 @@ def observe(bank: list[Side], mem: Memory, m: Moved, z: Reading, par: Parameters
 
 def carry(bank: list[Side], mem: Memory, m: Moved, par: Parameters) -> Estimate:
     """Return the estimate of the likelier side after a motion. theta is that of its side."""
-    h = predict(bank[best_of(bank)], m, par.q)
+    h = predict(bank[best_of(bank)], m, par)
     theta = h.side * acos(min(max(-h.r_dot / m.V, -1.0), 1.0)) if m.V > 0.0 else nan
     return Estimate(h.r, h.r_dot, m.V, m.u, theta, m.psi, nan, nan, nan, nan)
 
