@@ -12,7 +12,7 @@ from typing import Any
 from circumnav_mav.ranging.plug import NAN, MessageSource, Reading, Reason
 from circumnav_mav.types import Rejected
 
-CM = 0.01
+CM = 100.0  # a metre
 NOTHING_CM = (0, 0xFFFF)
 COVARIANCE_UNKNOWN = (0, 0xFF)
 QUALITY_UNKNOWN, QUALITY_INVALID = 0, 1
@@ -23,14 +23,14 @@ def read(fields: Any, now_s: float) -> Reading | Rejected:
         return Rejected(now_s, Reason.NO_READING, f"current_distance is {fields.current_distance}")
     quality = fields.signal_quality
     return Reading(
-        range_m=fields.current_distance * CM,
-        sigma_m=NAN if fields.covariance in COVARIANCE_UNKNOWN else sqrt(fields.covariance) * CM,
+        range_m=fields.current_distance / CM,
+        sigma_m=NAN if fields.covariance in COVARIANCE_UNKNOWN else sqrt(fields.covariance) / CM,
         sensor_id=fields.id,
         orientation=fields.orientation,
         quality_pct=NAN if quality == QUALITY_UNKNOWN else 0.0 if quality == QUALITY_INVALID else float(quality),
-        least_m=fields.min_distance * CM,
-        most_m=fields.max_distance * CM if fields.max_distance else NAN,
-        stamp_s=fields.time_boot_ms * 1e-3 if fields.time_boot_ms else NAN,
+        least_m=fields.min_distance / CM,
+        most_m=fields.max_distance / CM if fields.max_distance else NAN,
+        stamp_s=fields.time_boot_ms / 1000.0 if fields.time_boot_ms else NAN,
     )
 
 
@@ -39,5 +39,5 @@ SOURCE = MessageSource(
     summary="MAVLink DISTANCE_SENSOR (132): centimetres, up to 655 m",
     message_ids=(132,),
     read=read,
-    resolution_m=CM,
+    resolution_m=1.0 / CM,
 )

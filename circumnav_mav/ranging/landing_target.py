@@ -14,7 +14,7 @@ def read(fields: Any, now_s: float) -> Reading | Rejected:
     return Reading(
         range_m=fields.distance,
         beacon_id=fields.target_num,
-        stamp_s=fields.time_usec * 1e-6 if fields.time_usec else NAN,
+        stamp_s=fields.time_usec / 1e6 if fields.time_usec else NAN,
     )
 
 

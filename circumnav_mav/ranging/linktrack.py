@@ -73,10 +73,10 @@ class Decoder:
         own_ms = unpack_from("<I", frame, at + 7)[0] if frame[1] == 0x04 else 0
         stamp_ms = own_ms or local_ms
         return Reading(
-            range_m=range_mm * 1e-3,
+            range_m=range_mm / 1000.0,
             beacon_id=node_id,
             sensor_id=role,
-            stamp_s=stamp_ms * 1e-3 if stamp_ms else NAN,
+            stamp_s=stamp_ms / 1000.0 if stamp_ms else NAN,
         )
 
 

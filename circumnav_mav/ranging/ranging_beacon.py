@@ -11,7 +11,7 @@ from typing import Any
 from circumnav_mav.ranging.plug import NAN, MessageSource, Reading, Reason
 from circumnav_mav.types import Rejected
 
-MM = 0.001
+MM = 1000.0  # a metre
 UNKNOWN = 0xFFFFFFFF
 SIGNAL_POOR = 1
 POOR_PCT = 50.0
@@ -21,11 +21,11 @@ def read(fields: Any, now_s: float) -> Reading | Rejected:
     if fields.range == UNKNOWN:
         return Rejected(now_s, Reason.NO_READING, f"beacon {fields.beacon_id}: range unknown")
     return Reading(
-        range_m=fields.range * MM,
-        sigma_m=NAN if fields.range_accuracy in (0, UNKNOWN) else fields.range_accuracy * MM,
+        range_m=fields.range / MM,
+        sigma_m=NAN if fields.range_accuracy in (0, UNKNOWN) else fields.range_accuracy / MM,
         beacon_id=fields.beacon_id,
         quality_pct=POOR_PCT if fields.status & SIGNAL_POOR else NAN,
-        stamp_s=fields.time_usec * 1e-6 if fields.time_usec else NAN,
+        stamp_s=fields.time_usec / 1e6 if fields.time_usec else NAN,
         sequence=fields.sequence,
     )
 
@@ -35,5 +35,5 @@ SOURCE = MessageSource(
     summary="MAVLink RANGING_BEACON (513): millimetres, several beacons by id",
     message_ids=(513,),
     read=read,
-    resolution_m=MM,
+    resolution_m=1.0 / MM,
 )

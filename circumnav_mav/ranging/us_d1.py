@@ -40,7 +40,7 @@ class Decoder:
             return Rejected(now_s, Reason.NO_READING, "range 0")
         if snr < self._min_snr:
             return Rejected(now_s, Reason.INVALID_QUALITY, f"SNR {snr} is below min_snr {self._min_snr:g}")
-        return Reading(range_m=range_cm * 0.01)
+        return Reading(range_m=range_cm / 100.0)
 
 
 SOURCE = ByteSource(
