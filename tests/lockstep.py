@@ -1,6 +1,7 @@
-"""The lockstep rig: the app's flight and the stub's vehicle exchange real MAVLink bytes in memory, on one simulated clock.
+"""The lockstep rig: the app's flight and the stub's vehicle exchange real MAVLink bytes in memory, on one clock.
 
-No socket, no sleep: 300 s of flight take two or three. A peer (pilot, ground station) speaks through the stub's GCS link.
+No socket, no sleep: 300 s of flight take two or three. A peer (pilot, ground station) speaks through the stub's GCS
+link.
 """
 
 from __future__ import annotations
@@ -160,6 +161,7 @@ def airborne(
 ) -> StubConfig:
     """Return a vehicle hovering in Hold at the origin, with the beacon at its own height."""
     more = {
+        "step_s": 0.02,
         "beacon_east_m": distance_m * math.cos(bearing_rad),
         "beacon_north_m": distance_m * math.sin(bearing_rad),
         "beacon_height_m": height_m,
