@@ -82,13 +82,12 @@ class Autopilot:
 
     def on_message(self, message: Message, now_s: float) -> bool:
         """Take in a message; return whether it came from the autopilot."""
-        if message.compid != AUTOPILOT_COMPONENT:
+        name, sysid, compid, seq, fields = message
+        if compid != AUTOPILOT_COMPONENT or (sysid != self.sysid and not self._found(message)):
             return False
-        if message.sysid != self.sysid and not self._found(message):
-            return False
-        handler = self._handlers.get(message.name)
-        if handler is not None and not (message.name in MODE_MESSAGES and self._overtaken(message.seq, now_s)):
-            handler(message.fields, now_s)
+        handler = self._handlers.get(name)
+        if handler is not None and not (name in MODE_MESSAGES and self._overtaken(seq, now_s)):
+            handler(fields, now_s)
         return True
 
     def _overtaken(self, seq: int, now_s: float) -> bool:

@@ -136,13 +136,13 @@ class Decoder:
 
     def decode(self, frame: Frame) -> Message | None:
         """Return the message, or None where its id is not subscribed."""
-        shape = self._layouts.get(frame.msgid)
+        msgid, sysid, compid, seq, raw, _ = frame
+        shape = self._layouts.get(msgid)
         if shape is None:
             return None
         self.decoded += 1
-        raw = frame.raw
         header = HEADER_2 if raw[0] == MAGIC_2 else HEADER_1
-        return Message(shape.name, frame.sysid, frame.compid, frame.seq, shape.unpack(raw[header : header + raw[1]]))
+        return Message(shape.name, sysid, compid, seq, shape.unpack(raw[header : header + raw[1]]))
 
 
 class Packer:

@@ -29,15 +29,14 @@ class Layout:
     struct: Struct
     fields: tuple[str, ...]  # in wire order
     lengths: tuple[int, ...]  # elements of each field on the wire, 1 for scalars and strings
+    scalar: bool  # no field has more than one element
     make: Callable[[tuple[Any, ...]], Any]  # values in wire order -> named tuple
 
     def unpack(self, payload: bytes) -> Any:
         """Return the payload's fields as a named tuple; bytes that MAVLink 2 cut off count as zero."""
         size = self.struct.size
-        if len(payload) < size:
-            payload = payload + bytes(size - len(payload))
-        values = self.struct.unpack_from(payload)
-        if len(values) == len(self.lengths):
+        values = self.struct.unpack_from(payload if len(payload) >= size else payload.ljust(size, b"\0"))
+        if self.scalar:
             return self.make(values)
         grouped: list[Any] = []
         at = 0
@@ -71,7 +70,7 @@ def layout(msgid: int) -> Layout | None:
     strings = [kind == "char" for kind in _wire_types(cls)]
     lengths = tuple(1 if text else length for text, length in zip(strings, cls.lengths, strict=True))
     record = namedtuple(cls.msgname, names)  # type: ignore[misc]
-    return Layout(msgid, cls.msgname, cls.crc_extra, cls.unpacker, names, lengths, record._make)
+    return Layout(msgid, cls.msgname, cls.crc_extra, cls.unpacker, names, lengths, max(lengths) == 1, record._make)
 
 
 def _wire_types(cls: Any) -> list[str]:

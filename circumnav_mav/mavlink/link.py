@@ -6,13 +6,13 @@ takes the app for a ground station.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Collection
 from math import isnan, nan
 from struct import pack, unpack
 from typing import Any
 
 from circumnav_mav.mavlink import px4_modes
-from circumnav_mav.mavlink.autopilot import AUTOPILOT_COMPONENT, MODE_MESSAGES, Autopilot
+from circumnav_mav.mavlink.autopilot import AUTOPILOT_COMPONENT, Autopilot
 from circumnav_mav.mavlink.codec import Decoder, Frame, Message, Packer, Splitter
 from circumnav_mav.mavlink.commands import Command, CommandQueue
 from circumnav_mav.mavlink.dialect import by_name, enums
@@ -25,13 +25,14 @@ PARAMETERS = ("COM_OF_LOSS_T", "COM_OBL_RC_ACT")
 """What the app reads of the autopilot's settings: when and how it acts if the setpoints stop."""
 PARAM_INT32 = 6
 STATUSTEXT_LENGTH = 50
+COMMANDS = frozenset({"COMMAND_LONG", "COMMAND_INT"})
 OWN_MESSAGES = ("COMMAND_ACK", "COMMAND_LONG", "COMMAND_INT", "TIMESYNC", "PARAM_VALUE", "STATUSTEXT")
 
 
 class AutopilotLink:
     """One link. `frames` of the last `receive` are kept for the recorder."""
 
-    def __init__(self, subscribed: Iterable[str], wanted_hz: dict[str, float] | None = None) -> None:
+    def __init__(self, subscribed: Collection[str], wanted_hz: dict[str, float] | None = None) -> None:
         self.autopilot = Autopilot()
         self.authority = Authority(self.autopilot)
         self.commands = CommandQueue()
@@ -46,39 +47,53 @@ class AutopilotLink:
         self._heartbeat_next_s = nan
         self._set_up_for: tuple[int | None, int] = (None, 0)
         self.counts = self._splitter.counts
+        self._theirs_alone = frozenset(self.autopilot.messages) - set(subscribed)
+        self._handlers: dict[str, Callable[[Any, float], None]] = {
+            "HEARTBEAT": self._on_mode,
+            "CURRENT_MODE": self._on_mode,
+            "COMMAND_ACK": self._on_ack,
+            "PARAM_VALUE": self._on_parameter,
+            "STATUSTEXT": self._on_text,
+            "TIMESYNC": self._on_timesync,
+        }
 
     def receive(self, data: bytes, now_s: float, *, whole: bool = True) -> tuple[list[Frame], list[Message]]:
         """Take in bytes; return all frames (for the recorder) and the messages that are not the link's own business."""
         frames = self._splitter.feed(data, whole=whole)
         others = []
+        decode, autopilot, handlers = self._decoder.decode, self.autopilot, self._handlers
         for frame in frames:
-            message = self._decoder.decode(frame)
+            message = decode(frame)
             if message is None:
                 continue
-            self.counts.decoded += 1
-            if not self._own(message, now_s):
+            name = message[0]
+            if autopilot.on_message(message, now_s):
+                handler = handlers.get(name)
+                if handler is not None:
+                    handler(message.fields, now_s)
+                if name in self._theirs_alone:
+                    continue
+            elif name in COMMANDS:
+                self._command_for_us(message)
+                continue
+            if name not in OWN_MESSAGES:
                 others.append(message)
+        self.counts.decoded = self._decoder.decoded
         return frames, others
 
-    def _own(self, message: Message, now_s: float) -> bool:
-        fields = message.fields
-        if message.name in ("COMMAND_LONG", "COMMAND_INT"):
-            self._command_for_us(message)
-            return True
-        if not self.autopilot.on_message(message, now_s):
-            return message.name in OWN_MESSAGES
-        if message.name in MODE_MESSAGES:
-            self.authority.on_mode(now_s)
-        elif message.name == "COMMAND_ACK":
-            if self._for_us(fields):
-                self.commands.on_ack(fields.command, fields.result)
-        elif message.name == "PARAM_VALUE":
-            self._parameter(fields)
-        elif message.name == "STATUSTEXT":
-            self.autopilot_texts.append(fields.text.split(b"\0")[0].decode("utf-8", "replace").strip())
-        elif message.name == "TIMESYNC" and fields.tc1 == 0:
+    def _on_mode(self, fields: Any, now_s: float) -> None:
+        self.authority.on_mode(now_s)
+
+    def _on_ack(self, fields: Any, now_s: float) -> None:
+        if self._for_us(fields):
+            self.commands.on_ack(fields.command, fields.result)
+
+    def _on_text(self, fields: Any, now_s: float) -> None:
+        self.autopilot_texts.append(fields.text.split(b"\0")[0].decode("utf-8", "replace").strip())
+
+    def _on_timesync(self, fields: Any, now_s: float) -> None:
+        if fields.tc1 == 0:
             self._timesync = fields.ts1
-        return message.name in OWN_MESSAGES or message.name in self.autopilot.messages
 
     _timesync: int | None = None
 
@@ -90,7 +105,7 @@ class AutopilotLink:
         if fields.command == enums.MAV_CMD_USER_1 and self._for_us(fields) and fields.target_component:
             self.latch_commands += 1
 
-    def _parameter(self, fields: Any) -> None:
+    def _on_parameter(self, fields: Any, now_s: float) -> None:
         name = fields.param_id.split(b"\0")[0].decode("ascii", "replace")
         value = fields.param_value
         if fields.param_type == PARAM_INT32 and self.autopilot.kind == enums.MAV_AUTOPILOT_PX4:
