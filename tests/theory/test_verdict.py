@@ -1,0 +1,46 @@
+"""What `circumnav check` says of a gain: one row a case, hand-made so that one thing is wrong in each."""
+
+from dataclasses import replace
+from math import radians
+
+import pytest
+
+from circumnav_mav.guidance.verdict import Flight, report, verdict
+
+QUAD = Flight(r_a=50.0, kappa=3.0, V=5.0, turn_rate_limit=1.5, lag_s=0.2, update_s=0.02, wind=1.0)
+PLANE = Flight(r_a=80.0, kappa=1.2, V=15.0, turn_rate_limit=0.46, bank_limit=radians(35), lag_s=0.5, update_s=0.05)
+
+ROWS = [
+    ("nothing wrong", QUAD, set()),
+    ("the orbit turns faster than the vehicle", replace(QUAD, r_a=3.0, lag_s=0.01), {("error", "turn_rate")}),
+    ("2 k V above the limit", replace(QUAD, kappa=8.0, lag_s=0.1), {("warning", "saturation")}),
+    ("lag is felt", replace(QUAD, lag_s=1.3), {("warning", "lag")}),
+    ("lag is too much", replace(QUAD, lag_s=2.5), {("error", "lag")}),
+    ("held too long", replace(QUAD, kappa=7.0, lag_s=0.0, update_s=2.4), {("error", "lag"), ("warning", "spin")}),
+    ("wind as fast as the vehicle", replace(QUAD, wind=5.0), {("error", "wind")}),
+    ("wind moves the circle", replace(QUAD, kappa=1.0, wind=1.0), {("warning", "wind")}),
+    ("a plane with room", PLANE, set()),
+    ("a plane without", replace(PLANE, r_a=30.0, turn_rate_limit=0.6), {("error", "bank"), ("warning", "saturation")}),
+    ("a plane without, downwind", replace(PLANE, wind=9.0, kappa=2.0), {("warning", "bank"), ("warning", "saturation"),
+                                                                        ("warning", "wind")}),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("name", "flight", "wrong"), ROWS, ids=[row[0] for row in ROWS])
+def test_each_fault_is_named_and_nothing_else(name, flight, wrong):
+    findings = report(flight)
+    assert {(f.severity, f.topic) for f in findings if f.severity != "info"} == wrong
+    assert [f.severity for f in findings] == sorted(
+        (f.severity for f in findings), key=["error", "warning", "info"].index
+    )
+    sentence = verdict(findings)
+    if any(severity == "error" for severity, _ in wrong):
+        assert "not hold" in sentence
+    else:
+        assert ("suits" in sentence) is (not wrong)
+
+
+def test_unknown_things_are_left_out_and_a_gain_below_one_is_refused():
+    assert {f.topic for f in report(Flight(10.0, 4.0, 1.0))} == {"gain", "recurrence"}
+    with pytest.raises(ValueError, match="kappa"):
+        report(Flight(10.0, 0.9, 1.0))
