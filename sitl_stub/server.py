@@ -9,9 +9,11 @@ from __future__ import annotations
 
 import contextlib
 import math
+import os
 import selectors
 import socket
 import time
+import tty
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -33,6 +35,31 @@ class Endpoint:
     host: str = "127.0.0.1"
 
 
+class Pty:
+    """A pseudo-terminal that a device's bytes come out of; `name` is what an app opens as its serial port."""
+
+    def __init__(self) -> None:
+        self._ours, self._theirs = os.openpty()
+        tty.setraw(self._theirs)
+        os.set_blocking(self._ours, False)
+        self.name = os.ttyname(self._theirs)
+
+    def write(self, data: bytes) -> None:
+        """Write a report; with nobody reading, a full line loses it as a UART would."""
+        with contextlib.suppress(BlockingIOError):
+            os.write(self._ours, data)
+
+    def discard_input(self) -> None:
+        """Throw away what the app wrote to the device."""
+        with contextlib.suppress(BlockingIOError, OSError):
+            os.read(self._ours, 4096)
+
+    def close(self) -> None:
+        """Close both ends."""
+        os.close(self._ours)
+        os.close(self._theirs)
+
+
 class PortBusy(OSError):
     """A UDP port that something else holds."""
 
@@ -41,9 +68,15 @@ class Server:
     """Flies a Stub on the wall clock."""
 
     def __init__(
-        self, stub: Stub, endpoints: Mapping[str, Endpoint], speed: float = 1.0, truth: TruthLog | None = None
+        self,
+        stub: Stub,
+        endpoints: Mapping[str, Endpoint],
+        speed: float = 1.0,
+        truth: TruthLog | None = None,
+        pty: Pty | None = None,
     ) -> None:
-        self.stub, self.speed = stub, speed
+        """`endpoints`: UDP ports by link; `pty`: where the bytes of the link "device" go if it has no UDP port."""
+        self.stub, self.speed, self._pty = stub, speed, pty
         self._truth = truth
         self._selector = selectors.SelectSelector()  # epoll would wake up to a millisecond late
         self._sockets: dict[str, socket.socket] = {}
@@ -87,6 +120,8 @@ class Server:
                 self._selector.unregister(opened)
             opened.close()
         self._selector.close()
+        if self._pty is not None:
+            self._pty.close()
         if self._truth is not None:
             self._truth.close()
 
@@ -114,6 +149,10 @@ class Server:
                     self.stub.receive(link, data)
 
     def _write(self) -> None:
+        if self._pty is not None:
+            for report in self.stub.take("device"):
+                self._pty.write(report)
+            self._pty.discard_input()
         for link, opened in self._sockets.items():
             datagrams = self.stub.take(link)
             peer = self._peers[link]
