@@ -12,6 +12,7 @@ import math
 import os
 import selectors
 import socket
+import threading
 import time
 import tty
 from collections.abc import Callable, Mapping
@@ -23,6 +24,7 @@ from sitl_stub.stub import Stub
 from sitl_stub.world import Truth
 
 CATCH_UP = 2.0
+SLICE_S = 0.02  # wall time that one round of the loop may make up for
 LONGEST_NAP_S = 0.05
 
 
@@ -78,6 +80,7 @@ class Server:
         """`endpoints`: UDP ports by link; `pty`: where the bytes of the link "device" go if it has no UDP port."""
         self.stub, self.speed, self._pty = stub, speed, pty
         self._truth = truth
+        self.lock = threading.Lock()  # held while the stub changes; for truth() from another thread
         self._selector = selectors.SelectSelector()  # epoll would wake up to a millisecond late
         self._sockets: dict[str, socket.socket] = {}
         self._peers: dict[str, tuple[str, int] | None] = {}
@@ -102,14 +105,15 @@ class Server:
         while stub.now_s < end_s and not stop():
             wall_s = time.monotonic()
             owed_s += (wall_s - last_wall_s) * self.speed
-            pace_s = min(owed_s, CATCH_UP * self.speed * min(wall_s - last_wall_s, LONGEST_NAP_S))
+            pace_s = min(owed_s, CATCH_UP * self.speed * min(wall_s - last_wall_s, SLICE_S))
             last_wall_s, aim_s, owed_s = wall_s, aim_s + pace_s, owed_s - pace_s
             while stub.now_s + step_s <= aim_s and stub.now_s < end_s:
-                stub.advance(stub.now_s + step_s)
-                self._write()
-                if self._truth is not None:
-                    self._truth.note(stub)
-                self._read(0.0)
+                with self.lock:
+                    stub.advance(stub.now_s + step_s)
+                    self._write()
+                    if self._truth is not None:
+                        self._truth.note(stub)
+                    self._read(0.0)
             nap_s = (stub.now_s + step_s - aim_s) / self.speed if owed_s < step_s else step_s / self.speed / CATCH_UP
             self._read(max(nap_s, 0.0))
 
@@ -140,7 +144,8 @@ class Server:
         self._selector.register(opened, selectors.EVENT_READ, link)
 
     def _read(self, timeout_s: float) -> None:
-        for key, _ in self._selector.select(timeout_s):
+        ready = self._selector.select(timeout_s)
+        for key, _ in ready:
             opened, link = self._sockets[key.data], key.data
             with contextlib.suppress(BlockingIOError, ConnectionRefusedError):
                 while True:
