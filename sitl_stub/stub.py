@@ -204,7 +204,7 @@ class Stub:
         world, autopilot = self.world, self.autopilot
         world.step()
         autopilot.step(t_s, world.wind_n, world.wind_e)
-        if self.radio is not None:
+        if self.radio is not None and (t_s >= self.radio.due_s or t_s >= self._next_radio_heartbeat_s):
             self._range(self.radio, t_s)
         for link in self._vehicle_links:
             for raw in link.late(t_s):
@@ -219,19 +219,17 @@ class Stub:
         if autopilot.commander.texts:
             self._send_texts()
         for link in self._vehicle_links:
-            self._stream(link, t_s)
+            if link.next_due_s <= t_s:
+                self._stream(link, t_s)
         shown = (autopilot.commander.mode, autopilot.commander.intention)
         if shown != self._shown_mode:
             self._show_mode(shown)
 
     def _stream(self, link: Link, t_s: float) -> None:
-        ready = link.due(t_s)
-        if not ready:
-            return
         autopilot, sysid = self.autopilot, self.config.system_id
         quiet = link.name in QUIET_UNTIL_HEARD and not link.seen
         link.unix_us = autopilot.unix_us()
-        for msgid in ready:
+        for msgid in link.due(t_s):
             if quiet and msgid != HEARTBEAT:
                 continue
             if msgid in NEED_POSITION and not autopilot.commander.position_ok:
