@@ -18,7 +18,7 @@ from sitl_stub.link import Link
 from sitl_stub.modes import name_of
 from sitl_stub.sensors import DISTANCE_SENSOR, Radio, distance_fields
 from sitl_stub.signing import Signer
-from sitl_stub.streams import BUILDERS, CURRENT_MODE, FIXED_WING_HZ, GCS_HZ, HEARTBEAT, NEED_POSITION, ONBOARD_HZ
+from sitl_stub.streams import BUILDERS, CONDITIONS, CURRENT_MODE, FIXED_WING_HZ, GCS_HZ, HEARTBEAT, ONBOARD_HZ
 from sitl_stub.world import Truth, World
 
 AUTOPILOT = 1  # component id
@@ -232,7 +232,7 @@ class Stub:
         for msgid in link.due(t_s):
             if quiet and msgid != HEARTBEAT:
                 continue
-            if msgid in NEED_POSITION and not autopilot.commander.position_ok:
+            if msgid in CONDITIONS and not CONDITIONS[msgid](autopilot):
                 continue
             link.send(msgid, wire.pack(msgid, BUILDERS[msgid](autopilot)), sysid, AUTOPILOT)
             if msgid == DISTANCE_SENSOR and self._distances:
