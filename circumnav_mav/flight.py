@@ -96,7 +96,7 @@ class Flight:
         self.end_reason = ""
         self._newest_range_m = nan
         self._sent_rad_s = nan
-        self._sent_last = False
+        self._invited = False
         self._latch_commands = 0
         self._phase = self.computer.phase
         self._failures_told = 0
@@ -146,6 +146,9 @@ class Flight:
             name, fields = self._encoder.encode(decision.setpoint, self._height_m(now_s))
             frames.append(link.setpoint(name, fields, now_s))
             self._sent_rad_s = decision.setpoint.turn_rate_rad_s
+            if decision.phase is Phase.READY and not self._invited:
+                self._invited = True
+                frames += self._announce(now_s, "ready: streaming, select Offboard to engage", INFO)
         frames += link.poll(now_s) + link.read_parameters(now_s)
         self._tell_failures(now_s)
         return frames, self._record(now_s, decision, lateness_s, missed_ticks)
@@ -210,10 +213,13 @@ class Flight:
             action = self._config.on_range_lost
             self.link.authority.give_back(HAND_OVER[action], now_s, f"range lost: {action}")
         severity = TEXT_SEVERITY.get(phase, INFO)
-        self._tell(now_s, f"{phase}: {decision.reason}", severity)
-        if self.link.autopilot.sysid is None:
-            return []
-        return [self.link.statustext(f"circumnav {phase}: {decision.reason}", severity)]
+        self._invited = False
+        return self._announce(now_s, f"{phase}: {decision.reason}", severity)
+
+    def _announce(self, now_s: float, text: str, severity: int) -> list[bytes]:
+        """Tell the terminal, the record and the ground station."""
+        self._tell(now_s, text, severity)
+        return [self.link.statustext(f"circumnav {text}", severity)] if self.link.autopilot.sysid is not None else []
 
     def _tell(self, now_s: float, text: str, severity: int) -> None:
         self.events.append(Event(now_s, text, severity))
