@@ -17,13 +17,13 @@ from circumnav_mav.guidance.computer import Decision, GuidanceComputer, Status
 from circumnav_mav.guidance.kernel import Motion
 from circumnav_mav.guidance.phases import Phase
 from circumnav_mav.mavlink import px4_modes
-from circumnav_mav.mavlink.codec import Decoder, Frame, Message, Splitter
-from circumnav_mav.mavlink.dialect import enums, layout
+from circumnav_mav.mavlink.codec import Frame
+from circumnav_mav.mavlink.dialect import enums
 from circumnav_mav.mavlink.engage import AutoEngage, Step
 from circumnav_mav.mavlink.link import AutopilotLink
 from circumnav_mav.mavlink.offboard import Control
 from circumnav_mav.mavlink.setpoints import ENCODERS, SetpointLimits
-from circumnav_mav.ranging import MessageReceiver, Settings, open_receiver
+from circumnav_mav.range_feed import RangeFeed
 from circumnav_mav.types import RangeSample, Rejected
 
 VEHICLE, RANGING = "vehicle", "ranging"
@@ -70,22 +70,8 @@ class Flight:
 
     def __init__(self, config: Config) -> None:
         self._config = config
-        r = config.ranging
-        settings = Settings(
-            from_=r.sender,
-            sensor_id=r.sensor_id,
-            beacon_id=r.beacon_id,
-            orientation=r.orientation,
-            bias_m=r.bias_m,
-            max_age_s=r.max_age_s,
-            latency_s=r.latency_s,
-        )
-        receiver = open_receiver(r.source, settings)
-        assert isinstance(receiver, MessageReceiver)
-        self._receiver = receiver
-        self._ranging_messages = {shape.name for i in receiver.message_ids if (shape := layout(i))}
-        self.link = AutopilotLink(self._ranging_messages)
-        self._second = RangingLink(self._ranging_messages) if r.endpoint else None
+        self.ranges = RangeFeed(config.ranging)
+        self.link = AutopilotLink(() if self.ranges.own_link else self.ranges.messages)
         self.computer = GuidanceComputer(guidance_settings(config))
         limits = SetpointLimits(config.limits.turn_rate_rad_s, config.orbit.speed_m_s)
         self._encoder = ENCODERS[config.vehicle.kind](limits, config.vehicle.lead_s)
@@ -105,21 +91,18 @@ class Flight:
 
     def receive(self, data: bytes, now_s: float, link: str = VEHICLE, *, whole: bool = True) -> list[Frame]:
         """Take in what arrived on a link at `now_s`; return its frames, for the recorder."""
-        if link == RANGING and self._second is not None:
-            frames, messages = self._second.receive(data, whole=whole)
+        if link == RANGING and self.ranges.own_link:
+            self.ranges.on_vehicle(self.link.autopilot.sysid, moving=self.link.autopilot.armed)
+            frames, results = self.ranges.on_bytes(data, now_s, whole=whole)
         else:
             frames, messages = self.link.receive(data, now_s, whole=whole)
-        if self._second is None or link == RANGING:
-            for message in messages:
-                if message.name in self._ranging_messages:
-                    self._on_range(message, now_s)
+            self.ranges.on_vehicle(self.link.autopilot.sysid, moving=self.link.autopilot.armed)
+            results = [] if self.ranges.own_link else self.ranges.on_messages(messages, now_s)
+        for result in results:
+            self._on_range(result, now_s)
         return frames
 
-    def _on_range(self, message: Message, now_s: float) -> None:
-        sysid = self.link.autopilot.sysid
-        self._receiver.autopilot = None if sysid is None else (sysid, 1)
-        self._receiver.moving = self.link.autopilot.armed
-        result = self._receiver.on_message(message.sysid, message.compid, message.fields, now_s)
+    def _on_range(self, result: RangeSample | Rejected, now_s: float) -> None:
         if isinstance(result, RangeSample):
             self._newest_range_m = result.range_m
             rejected = self.computer.on_sample(result, self._motion(now_s), self._height_m(now_s))
@@ -265,16 +248,3 @@ class Flight:
             lateness_s,
             missed_ticks,
         )
-
-
-class RangingLink:
-    """A MAVLink endpoint of the ranging radio's own: only ranges are read from it."""
-
-    def __init__(self, subscribed: set[str]) -> None:
-        self._splitter = Splitter()
-        self._decoder = Decoder(subscribed)
-
-    def receive(self, data: bytes, *, whole: bool) -> tuple[list[Frame], list[Message]]:
-        """Take in bytes; return all frames and the ranging messages."""
-        frames = self._splitter.feed(data, whole=whole)
-        return frames, [m for f in frames if (m := self._decoder.decode(f)) is not None]
