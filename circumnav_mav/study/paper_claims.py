@@ -131,6 +131,25 @@ def _time_out(rows: Table, k: float) -> float:
     return float(rows["t_s"][out[0]]) if len(out) else math.inf
 
 
+def starts() -> Iterator[Row]:
+    """The start decides the mean over the whole run, not that over the tail."""
+    yield "start (x, y, heading)", "k", "whole run m²", "tail m²"
+    for x, heading, words in ((-20.0, 0.0, "(-20, 0), inwards"), (-10.0, math.pi / 2, "(-10, 0), on the circle")):
+        for k in (0.1, 0.4, 1.0, 1.6, 2.95):
+            case = paper_run.case(LAW, {"k": k}, Plant(x_m=x, heading_rad=heading))
+            [rows] = paper_run.sweep([case], RUNS, SEED)
+            yield words, f"{k:g}", f"{rows['mse_all'].mean():.3f}", f"{rows['mse_tail'].mean():.3f}"
+
+
+def effort_beyond_the_bound() -> Iterator[Row]:
+    """The bound 2 k V on u holds for the true range rate; noise on it goes past."""
+    yield "k", "share of control instants beyond 2 k V", "greatest u, in k V"
+    for k in (0.1, 1.0, 2.95):
+        case = paper_run.case(LAW, {"k": k}, Plant())
+        u = np.abs(np.concatenate([paper_run.trace(case, SEED, run)["u_rad_s"] for run in range(60)]))
+        yield f"{k:g}", f"{np.mean(u > 2.0 * k):.4f}", f"{u.max() / k:.2f}"
+
+
 def slope_at_r_s() -> Iterator[Row]:
     """The law is called smooth, and Lipschitz even at r_s; its slope there grows without bound, as a square root's."""
     yield "distance outside r_s m", "(u(r_s + h) - u(r_s)) / h, k = 1"
@@ -162,6 +181,8 @@ PARTS = (
     ("Shift in wind", shift_in_wind),
     ("The outer law alone", outer_law_alone),
     ("Leaving the inner orbit", leaving_the_inner_orbit),
+    ("Starts", starts),
+    ("Effort beyond the bound", effort_beyond_the_bound),
     ("Slope at r_s", slope_at_r_s),
     ("The recurrent set", set_slips),
 )
