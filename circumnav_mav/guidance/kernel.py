@@ -69,3 +69,71 @@ class Law:
     options: Mapping[str, float]  # every key of the `law:` section with its default; NaN = not given
     needs: tuple[str, ...]  # fields of Estimate that must be finite
     source: str  # paper and equation
+
+
+class Reading(NamedTuple):
+    """One range as an estimator's kernel takes it."""
+
+    r: float  # range, m
+    r_dot: float = NAN  # range rate, m/s, + opening; NaN: the sensor has none
+    sigma_r: float = NAN  # standard deviation that the sensor claims, m; NaN: the estimator's own
+
+
+class Moved(NamedTuple):
+    """How the vehicle moved between two times by its own reckoning: estimates are carried by this and nothing else."""
+
+    dt: float  # s
+    ahead: float  # displacement along the heading it had at the first time, m
+    left: float  # displacement to the left of that heading, m
+    turn: float  # change of heading, rad, + counter-clockwise
+    V: float  # speed at the second time, m/s
+    u: float  # turn rate at the second time, rad/s
+    psi: float  # compass heading at the second time, rad; NaN without a compass
+
+
+class Memory(NamedTuple):
+    """What an estimator remembers besides its hypotheses: the same few numbers for all of them."""
+
+    known: float = 0.0  # 1 once the estimate is fit to fly on
+    verdict: float = 0.0  # on the last reading: ACCEPTED, OUTLIER or RESTARTED
+    nis: float = NAN  # normalised innovation squared of the last reading that was used
+    alarm: float = 0.0  # smoothed evidence that the hypotheses do not explain the readings
+    rival_r: float = NAN  # the range that readings refused by the gate agree on, m
+    rival_age: float = 0.0  # since the rival was last confirmed, s
+    votes: float = 0.0  # readings for the rival, less those against it
+
+
+ACCEPTED, OUTLIER, RESTARTED = 0.0, 1.0, 2.0
+
+
+@dataclass(frozen=True, slots=True)
+class EstimatorContext:
+    """What an estimator may know of the flight when its parameters are made."""
+
+    r_a: float  # orbit radius, m
+    V: float  # configured speed, m/s
+    turn_rate_limit: float  # rad/s
+    side: float = 1.0  # the side the target is wanted on: +1 right (clockwise orbit), -1 left
+
+
+@dataclass(frozen=True, slots=True)
+class Estimator:
+    """A registered estimator: kernels over a bank of hypotheses (a list of NamedTuples, changed in place).
+
+    The bank stands at the time of the last reading; `carry` takes it to any later one without changing it.
+    """
+
+    name: str
+    begin: Callable[[Any], list[Any]]  # parameters -> an empty bank
+    observe: Callable[[list[Any], Memory, Moved, Reading, Any], Memory]  # predict by Moved, gate, update
+    carry: Callable[[list[Any], Memory, Moved, Any], Estimate]  # the estimate after Moved
+    covariance: Callable[[list[Any]], tuple[float, ...]]  # (var r, then what the module says), for logs
+    parameters: Callable[[Mapping[str, float], EstimatorContext], Any]  # ValueError in words
+    options: Mapping[str, float]  # every key of the `estimator:` section with its default; NaN = not given
+    needs: frozenset[str]  # of SOURCES
+    gives: frozenset[str]  # fields of Estimate that are finite once known
+    source: str
+
+
+SOURCES = frozenset({"range", "speed", "turn_rate", "heading", "airspeed"})
+"""What an estimator can ask of sensors; the app refuses one whose sources the vehicle does not have."""

@@ -1,0 +1,1 @@
+"""ASYNCIO: sockets, the clock, files. The only ring that touches the world."""

@@ -1,0 +1,147 @@
+"""The `circumnav` command.
+
+Exit codes: 0 done as asked; 1 the flight ended another way (released, range lost, refused, nothing heard); 2 bad
+configuration or usage; 3 a link cannot be opened; 70 a fault of the app itself.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from math import inf
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from circumnav_mav import __version__
+from circumnav_mav.config import ConfigError, load
+from circumnav_mav.runtime.app import Options
+from circumnav_mav.runtime.clock import Clock
+from circumnav_mav.runtime.demo import demo_config, run_demo
+from circumnav_mav.runtime.session import Crash, Outcome, fly
+from circumnav_mav.runtime.transport import LinkError
+from circumnav_mav.runtime.view import open_view
+
+EXIT_FLIGHT, EXIT_USAGE, EXIT_LINK, EXIT_CRASH = 1, 2, 3, 70
+DONE = ("completed",)
+
+app = typer.Typer(
+    help="Circle a target whose place nobody knows, from range alone.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+)
+
+ConfigPath = Annotated[Path, typer.Argument(help="configuration file, see configs/", show_default=False)]
+JsonPath = Annotated[Path | None, typer.Option("--json", help="write the figures of the flight to this file")]
+Duration = Annotated[float | None, typer.Option(help="end politely (Hold, then silence) after so many flight seconds")]
+
+
+def _version(value: bool) -> None:
+    if value:
+        typer.echo(f"circumnav_mav {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _root(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="show the version")
+    ] = False,
+) -> None:
+    """Circle a target whose place nobody knows, from range alone."""
+
+
+@app.command()
+def demo(
+    config: Annotated[Path | None, typer.Option(help="fly this configuration instead of the defaults")] = None,
+    json: JsonPath = None,
+    speed: Annotated[float, typer.Option(help="flight seconds a wall second; 1 to watch", min=0.1, max=50)] = 5.0,
+    seed: Annotated[int, typer.Option(help="of every random draw: beacon bearing, noise", min=0)] = 1,
+    duration: Duration = None,
+    stub_arg: Annotated[
+        list[str] | None, typer.Option(help="hand this on to the stub, e.g. --stub-arg=--wind=2,0")
+    ] = None,
+) -> None:
+    """Watch a vehicle find and circle a beacon: app and vehicle stub as two processes, MAVLink over loopback."""
+    settings = demo_config(load(config) if config else None)
+    outcome = run_demo(settings, speed=speed, seed=seed, duration_s=duration, stub_args=stub_arg or [])
+    _finish(outcome, json)
+
+
+@app.command(name="fly")
+def fly_command(
+    config: ConfigPath,
+    json: JsonPath = None,
+    duration: Duration = None,
+    wait: Annotated[
+        float, typer.Option(help="give up if autopilot or range is not heard by then [s]; 0: never", min=0)
+    ] = 60.0,
+) -> None:
+    """Fly a real autopilot (or a simulator) with a configuration."""
+    settings = load(config)
+    options = Options(duration_s=inf if duration is None else duration, wait_s=wait or inf)
+    title = f"circumnav fly  {config.name}  {settings.vehicle.link}"
+    outcome = fly(settings, Clock(), open_view(title), options, title=f"circumnav fly: {config.name}")
+    _finish(outcome, json)
+
+
+@app.command()
+def check(config: ConfigPath) -> None:
+    """Check a configuration: every fault at once, and what follows from it for the flight."""
+    from circumnav_mav.check import consequences
+
+    settings = load(config)
+    for line in consequences(settings):
+        typer.echo(line)
+
+
+@app.command(context_settings={"allow_extra_args": True, "ignore_unknown_options": True, "help_option_names": []})
+def stub(context: typer.Context) -> None:
+    """Run the vehicle stub alone; `circumnav stub --help` lists its options."""
+    raise typer.Exit(subprocess.call([sys.executable, "-m", "sitl_stub", *context.args]))
+
+
+def _finish(outcome: Outcome, json: Path | None) -> None:
+    """Print and write the figures; leave with the exit code."""
+    from circumnav_mav.report import lines
+
+    for line in lines(outcome.summary):
+        typer.echo(line)
+    if outcome.directory is not None:
+        typer.echo(f"record     {outcome.directory}/")
+    if outcome.picture is not None:
+        typer.echo(f"picture    {outcome.picture}")
+    for note in outcome.notes:
+        typer.echo(f"note       {note}", err=True)
+    if json is not None:
+        try:
+            outcome.summary.write(json)
+        except OSError as error:
+            _complain(f"cannot write {json}: {error.strerror or error}")
+            raise typer.Exit(EXIT_USAGE) from None
+    if outcome.result.outcome not in DONE:
+        _complain(f"{outcome.result.outcome}: {outcome.result.text}")
+        raise typer.Exit(EXIT_FLIGHT)
+
+
+def _complain(text: str) -> None:
+    typer.echo(f"circumnav: {text}", err=True)
+
+
+def main() -> None:
+    """Run the command line; every known fault is one line and an exit code."""
+    try:
+        app()
+    except ConfigError as error:
+        for line in error.lines():
+            _complain(line)
+        sys.exit(EXIT_USAGE)
+    except LinkError as error:
+        _complain(str(error))
+        sys.exit(EXIT_LINK)
+    except Crash as error:
+        _complain(str(error))
+        sys.exit(EXIT_CRASH)

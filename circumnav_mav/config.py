@@ -1,0 +1,333 @@
+"""YAML -> typed, validated settings. Every fault is reported at once, with its line, before anything moves."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterator
+from math import nan
+from pathlib import Path as FilePath
+from typing import Annotated, Any, Literal, NamedTuple
+
+import yaml
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
+
+from circumnav_mav import endpoint
+from circumnav_mav.guidance.computer import GuidanceSettings
+from circumnav_mav.guidance.estimators import ESTIMATORS
+from circumnav_mav.guidance.kernel import LawContext
+from circumnav_mav.guidance.laws import LAWS
+from circumnav_mav.mavlink.setpoints import ENCODERS
+from circumnav_mav.ranging import SOURCES
+
+Where = tuple[str | int, ...]
+
+
+def _link(text: str) -> str:
+    endpoint.parse(text)
+    return text
+
+
+def _one_of(what: str, known: dict[str, Any]) -> AfterValidator:
+    def check(name: str) -> str:
+        if name not in known:
+            raise ValueError(f"no {what} '{name}'{_nearest(name, known)}; there are: {', '.join(known)}")
+        return name
+
+    return AfterValidator(check)
+
+
+def _nearest(word: str, known: Any) -> str:
+    close = difflib.get_close_matches(word, [str(k) for k in known], n=1)
+    return f", did you mean '{close[0]}'?" if close else ""
+
+
+Link = Annotated[str, AfterValidator(_link)]
+Positive = Annotated[FiniteFloat, Field(gt=0)]
+NotNegative = Annotated[FiniteFloat, Field(ge=0)]
+
+
+class Section(BaseModel):
+    """A part of the file: unknown keys are faults, values do not change after loading."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True, protected_namespaces=())
+
+
+class Vehicle(Section):
+    """The aircraft and the link to it."""
+
+    kind: Annotated[str, _one_of("vehicle class", ENCODERS)] = Field("px4_multirotor", alias="class")
+    link: Link = "udpin://0.0.0.0:14540"
+    lead_s: NotNegative = Field(0.6, le=2.0)
+
+
+class Ranging(Section):
+    """The range: where it comes from and which ones count."""
+
+    source: Annotated[str, _one_of("ranging source", SOURCES)] = "distance_sensor"
+    endpoint: Link | None = None
+    sender: tuple[Annotated[int, Field(ge=1, le=255)], Annotated[int, Field(ge=1, le=255)]] | None = Field(
+        None, alias="from"
+    )
+    sensor_id: int | None = Field(None, ge=0, le=255)
+    beacon_id: int | None = Field(None, ge=0)
+    orientation: int | None = Field(None, ge=0, le=255)
+    max_age_s: Positive = 1.0
+    coast_s: NotNegative = 20.0
+    bias_m: FiniteFloat = 0.0
+    latency_s: NotNegative = 0.0
+    sigma_m: Positive = 0.3
+    target_height_m: FiniteFloat | None = None
+
+
+class Orbit(Section):
+    """The circle to fly."""
+
+    radius_m: Positive = 50.0
+    direction: Literal["clockwise", "anticlockwise"] = "clockwise"
+    speed_m_s: Positive = 5.0
+    height_m: Positive | None = None
+
+
+class Named(BaseModel):
+    """A plug by name with its own options, numbers all."""
+
+    model_config = ConfigDict(extra="allow", frozen=True)
+    __pydantic_extra__: dict[str, FiniteFloat]
+    name: str
+
+    @property
+    def options(self) -> dict[str, float]:
+        """Return what the file gives beside the name."""
+        return dict(self.__pydantic_extra__ or {})
+
+
+class LawChoice(Named):
+    """The guidance law and its gains."""
+
+    name: Annotated[str, _one_of("law", LAWS)] = "hashemi2013"
+
+
+class EstimatorChoice(Named):
+    """What turns ranges into what the law needs."""
+
+    name: Annotated[str, _one_of("estimator", ESTIMATORS)] = "direct"
+
+
+class Limits(Section):
+    """What may be asked of the aircraft."""
+
+    turn_rate_rad_s: Positive = 0.8
+    turn_accel_rad_s2: Positive = 2.0
+
+
+class Loop(Section):
+    """The fixed grid on which setpoints leave."""
+
+    rate_hz: Annotated[FiniteFloat, Field(ge=5, le=400)] = 50.0
+
+
+class Record(Section):
+    """What a flight leaves on disk."""
+
+    directory: str = "flights"
+    tlog: bool = True
+
+
+class Config(Section):
+    """The whole file."""
+
+    vehicle: Vehicle = Vehicle()  # type: ignore[call-arg]
+    ranging: Ranging = Ranging()  # type: ignore[call-arg]
+    orbit: Orbit = Orbit()
+    law: LawChoice = Field(default_factory=lambda: LawChoice.model_validate({}))
+    estimator: EstimatorChoice = Field(default_factory=lambda: EstimatorChoice.model_validate({}))
+    limits: Limits = Limits()
+    loop: Loop = Loop()
+    engage: Literal["pilot", "auto"] = "pilot"
+    on_range_lost: Literal["hold", "stop", "return", "land"] = "hold"
+    record: Record = Record()
+
+    def law_context(self) -> LawContext:
+        """Return what a law's parameters are made from."""
+        return LawContext(
+            r_a=self.orbit.radius_m,
+            V=self.orbit.speed_m_s,
+            turn_rate_limit=self.limits.turn_rate_rad_s,
+            turn_lag_s=TURN_LAG_S[self.vehicle.kind],
+        )
+
+
+TURN_LAG_S = {"px4_multirotor": 0.45}
+"""Time to 63 % of a step in turn rate, by vehicle class (measured)."""
+
+
+def guidance_settings(config: Config) -> GuidanceSettings:
+    """Return the part of the configuration that the guidance computer is built from."""
+    orbit, ranging = config.orbit, config.ranging
+    return GuidanceSettings(
+        law=config.law.name,
+        law_options=config.law.options,
+        estimator=config.estimator.name,
+        estimator_options=config.estimator.options,
+        context=config.law_context(),
+        clockwise=orbit.direction == "clockwise",
+        turn_accel_limit_rad_s2=config.limits.turn_accel_rad_s2,
+        max_age_s=ranging.max_age_s,
+        coast_s=ranging.coast_s,
+        sigma_m=ranging.sigma_m,
+        height_m=nan if orbit.height_m is None else orbit.height_m,
+        target_height_m=nan if ranging.target_height_m is None else ranging.target_height_m,
+    )
+
+
+class Fault(NamedTuple):
+    """One thing that is wrong: where (dotted path, line; 0 = the file as a whole) and what."""
+
+    path: str
+    line: int
+    text: str
+
+
+class ConfigError(Exception):
+    """All faults of a file at once."""
+
+    def __init__(self, file: str, faults: list[Fault]) -> None:
+        self.file, self.faults = file, faults
+        super().__init__("\n".join(self.lines()))
+
+    def lines(self) -> Iterator[str]:
+        """Yield one line a fault, `file:line: path: what`."""
+        for fault in self.faults:
+            place = f"{self.file}:{fault.line}" if fault.line else self.file
+            yield f"{place}: {fault.path}: {fault.text}" if fault.path else f"{place}: {fault.text}"
+
+
+def load(path: str | FilePath) -> Config:
+    """Return the settings of a file. Raises ConfigError with every fault in it."""
+    try:
+        text = FilePath(path).read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"
+        raise ConfigError(str(path), [Fault("", 0, f"cannot read the configuration: {reason}")]) from error
+    return parse(text, str(path))
+
+
+def parse(text: str, file: str = "config") -> Config:
+    """Return the settings in `text`. Raises ConfigError with every fault in it."""
+    try:
+        tree = yaml.compose(text, Loader=yaml.SafeLoader)
+        lines = _Lines(tree)
+        data = yaml.safe_load(text)
+    except yaml.YAMLError as error:
+        mark = getattr(error, "problem_mark", None)
+        what = getattr(error, "problem", None) or str(error)
+        raise ConfigError(file, [Fault("", mark.line + 1 if mark else 0, f"not YAML: {what}")]) from error
+    if data is None:
+        data = {}
+    if not isinstance(data, dict):
+        raise ConfigError(file, [Fault("", 1, "a configuration is a list of sections such as 'orbit: {radius_m: 50}'")])
+    faults = [Fault(path, line, "given twice") for path, line in lines.twice]
+    config = None
+    try:
+        config = Config.model_validate(data)
+    except ValidationError as error:
+        faults += [_fault(e, lines) for e in error.errors()]
+    if config is not None:
+        faults += [Fault(p, lines.of(tuple(p.split("."))), t) for p, t in cross_checks(config)]
+    if faults or config is None:
+        raise ConfigError(file, sorted(faults, key=lambda f: f.line))
+    return config
+
+
+def cross_checks(config: Config) -> Iterator[tuple[str, str]]:
+    """Yield (path, what is wrong) for values that are right alone and wrong together."""
+    orbit, limits = config.orbit, config.limits
+    needed = orbit.speed_m_s / orbit.radius_m
+    if needed > limits.turn_rate_rad_s:
+        yield (
+            "orbit.radius_m",
+            f"flying {orbit.speed_m_s:g} m/s on {orbit.radius_m:g} m turns at {needed:.3f} rad/s, above "
+            f"limits.turn_rate_rad_s = {limits.turn_rate_rad_s:g}: raise the radius or the limit, or fly slower",
+        )
+    law = LAWS[config.law.name]
+    unknown = set(config.law.options) - set(law.options)
+    yield from (("law." + k, f"no option of {law.name}{_nearest(k, law.options)}") for k in sorted(unknown))
+    if not unknown:
+        try:
+            law.parameters({**law.options, **config.law.options}, config.law_context())
+        except ValueError as error:
+            key = next((k for k in ("kappa", "k") if k in config.law.options), "name")
+            yield f"law.{key}", str(error)
+    estimator = ESTIMATORS[config.estimator.name]
+    unknown = set(config.estimator.options) - set(estimator.options)
+    yield from (("estimator." + k, f"no option of {estimator.name}{_nearest(k, estimator.options)}") for k in unknown)
+    if config.ranging.max_age_s * config.loop.rate_hz < 2:
+        yield "ranging.max_age_s", "shorter than two ticks of loop.rate_hz: every range would be stale"
+    if config.engage == "auto" and orbit.height_m is None:
+        yield "engage", "auto takes off by itself and needs orbit.height_m, the height to climb to"
+    if config.ranging.sender and config.ranging.sender[1] == 1:
+        yield "ranging.from", "component 1 is the autopilot: its own range finder and its echoes are never flown on"
+
+
+def _fault(error: Any, lines: _Lines) -> Fault:
+    where: Where = tuple(error["loc"])
+    path = ".".join(str(p) for p in where)
+    if error["type"] == "extra_forbidden":
+        known = _keys_at(where[:-1])
+        return Fault(path, lines.of(where), f"no such key{_nearest(str(where[-1]), known) or '; ' + _listed(known)}")
+    message = error["msg"].removeprefix("Value error, ")
+    if error["type"] == "literal_error":
+        message = f"must be {error['ctx']['expected']}{_nearest(str(error['input']), _quoted(error))}"
+    elif error["type"] != "value_error":
+        message = f"{message[0].lower()}{message[1:]}, not {error['input']!r}"
+    return Fault(path, lines.of(where), message)
+
+
+def _quoted(error: Any) -> list[str]:
+    return str(error["ctx"]["expected"]).replace("'", "").replace(" or ", ", ").split(", ")
+
+
+def _listed(known: list[str]) -> str:
+    return "there are: " + ", ".join(known)
+
+
+def _keys_at(where: Where) -> list[str]:
+    model: type[BaseModel] = Config
+    for part in where:
+        field = model.model_fields.get(str(part)) or next(
+            (f for f in model.model_fields.values() if f.alias == part), None
+        )
+        inner = field.annotation if field else None
+        if not (isinstance(inner, type) and issubclass(inner, BaseModel)):
+            return []
+        model = inner
+    return [field.alias or name for name, field in model.model_fields.items()]
+
+
+class _Lines:
+    """Which line of the file each key stands on, and which keys stand there twice."""
+
+    def __init__(self, tree: yaml.Node | None) -> None:
+        self._at: dict[Where, int] = {}
+        self.twice: list[tuple[str, int]] = []
+        if tree is not None:
+            self._walk(tree, ())
+
+    def _walk(self, node: yaml.Node, where: Where) -> None:
+        if isinstance(node, yaml.MappingNode):
+            for key, value in node.value:
+                here = (*where, str(key.value))
+                line = key.start_mark.line + 1
+                if here in self._at:
+                    self.twice.append((".".join(str(p) for p in here), line))
+                self._at[here] = line
+                self._walk(value, here)
+
+    def of(self, where: Where) -> int:
+        """Return the line of a path, or of the nearest part of it that stands in the file; 0 for none."""
+        texts = tuple(str(p) for p in where)
+        while texts:
+            if texts in self._at:
+                return self._at[texts]
+            texts = texts[:-1]
+        return 0

@@ -1,0 +1,274 @@
+"""One flight, SANS-IO: bytes and a clock in, bytes and a record out.
+
+`runtime` drives it over sockets, the lockstep tests in memory.
+
+    bytes -> link -> ranging -> computer.on_sample
+    tick  -> authority -> computer.tick -> encoder -> bytes
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from math import inf, nan
+from typing import NamedTuple
+
+from circumnav_mav.config import Config, guidance_settings
+from circumnav_mav.guidance.computer import Decision, GuidanceComputer, Status
+from circumnav_mav.guidance.kernel import Motion
+from circumnav_mav.guidance.phases import Phase
+from circumnav_mav.mavlink import px4_modes
+from circumnav_mav.mavlink.codec import Decoder, Frame, Message, Splitter
+from circumnav_mav.mavlink.dialect import enums, layout
+from circumnav_mav.mavlink.engage import AutoEngage, Step
+from circumnav_mav.mavlink.link import AutopilotLink
+from circumnav_mav.mavlink.offboard import Control
+from circumnav_mav.mavlink.setpoints import ENCODERS, SetpointLimits
+from circumnav_mav.ranging import MessageReceiver, Settings, open_receiver
+from circumnav_mav.types import RangeSample, Rejected
+
+VEHICLE, RANGING = "vehicle", "ranging"
+"""Names of the two links. Ranges come on the first unless ranging.endpoint opens the second."""
+
+HAND_OVER = {"hold": px4_modes.HOLD, "return": px4_modes.RETURN, "land": px4_modes.LAND, "stop": None}
+TEXT_SEVERITY = {Phase.RELEASED: 4, Phase.RANGE_LOST: 4}
+INFO = 6
+
+
+class TickRecord(NamedTuple):
+    """One line of the flight record. Seconds are flight seconds but lateness_s, which is on the wall."""
+
+    t_s: float
+    phase: str
+    control: str
+    mode: str
+    r_m: float  # estimated horizontal range
+    r_dot_m_s: float
+    range_m: float  # newest range as measured, used or not
+    sample_age_s: float  # of the newest range that was used
+    turn_rate_wanted_rad_s: float  # by the law, + counter-clockwise
+    turn_rate_sent_rad_s: float  # NaN: nothing sent
+    turn_rate_flown_rad_s: float  # measured
+    speed_m_s: float
+    speed_source: str
+    height_m: float
+    saturated: int
+    rejected: int  # ranges rejected so far
+    lateness_s: float
+    missed_ticks: int
+
+
+class Event(NamedTuple):
+    """Something a person should read."""
+
+    t_s: float
+    text: str
+    severity: int
+
+
+class Flight:
+    """Everything between the sockets. `end` asks for a polite end; `done` says that there is nothing left to do."""
+
+    def __init__(self, config: Config) -> None:
+        self._config = config
+        r = config.ranging
+        settings = Settings(
+            from_=r.sender,
+            sensor_id=r.sensor_id,
+            beacon_id=r.beacon_id,
+            orientation=r.orientation,
+            bias_m=r.bias_m,
+            max_age_s=r.max_age_s,
+            latency_s=r.latency_s,
+        )
+        receiver = open_receiver(r.source, settings)
+        assert isinstance(receiver, MessageReceiver)
+        self._receiver = receiver
+        self._ranging_messages = {shape.name for i in receiver.message_ids if (shape := layout(i))}
+        self.link = AutopilotLink(self._ranging_messages)
+        self._second = RangingLink(self._ranging_messages) if r.endpoint else None
+        self.computer = GuidanceComputer(guidance_settings(config))
+        limits = SetpointLimits(config.limits.turn_rate_rad_s, config.orbit.speed_m_s)
+        self._encoder = ENCODERS[config.vehicle.kind](limits, config.vehicle.lead_s)
+        self._auto = AutoEngage(self.link, config.orbit.height_m or nan) if config.engage == "auto" else None
+        self.events: list[Event] = []
+        self.rejected: Counter[str] = Counter()
+        self.engaged_s = nan
+        self.end_reason = ""
+        self._newest_range_m = nan
+        self._sent_rad_s = nan
+        self._sent_last = False
+        self._latch_commands = 0
+        self._phase = self.computer.phase
+        self._failures_told = 0
+
+    # -- bytes in ---------------------------------------------------------------------------------------------------
+
+    def receive(self, data: bytes, now_s: float, link: str = VEHICLE, *, whole: bool = True) -> list[Frame]:
+        """Take in what arrived on a link at `now_s`; return its frames, for the recorder."""
+        if link == RANGING and self._second is not None:
+            frames, messages = self._second.receive(data, whole=whole)
+        else:
+            frames, messages = self.link.receive(data, now_s, whole=whole)
+        if self._second is None or link == RANGING:
+            for message in messages:
+                if message.name in self._ranging_messages:
+                    self._on_range(message, now_s)
+        return frames
+
+    def _on_range(self, message: Message, now_s: float) -> None:
+        sysid = self.link.autopilot.sysid
+        self._receiver.autopilot = None if sysid is None else (sysid, 1)
+        self._receiver.moving = self.link.autopilot.armed
+        result = self._receiver.on_message(message.sysid, message.compid, message.fields, now_s)
+        if isinstance(result, RangeSample):
+            self._newest_range_m = result.range_m
+            rejected = self.computer.on_sample(result, self._motion(now_s), self._height_m(now_s))
+            if rejected is None:
+                return
+            result = rejected
+        self._count(result)
+
+    def _count(self, rejected: Rejected) -> None:
+        self.rejected[str(rejected.reason)] += 1
+
+    # -- the tick ---------------------------------------------------------------------------------------------------
+
+    def tick(self, now_s: float, lateness_s: float = 0.0, missed_ticks: int = 0) -> tuple[list[bytes], TickRecord]:
+        """Decide and return (frames to send now, the record of this tick)."""
+        link, authority = self.link, self.link.authority
+        self._follow_operator(now_s)
+        if self._auto is not None and link.autopilot.heard(now_s):
+            self._auto.tick(now_s, ready=self.computer.phase is Phase.READY)
+        decision = self.computer.tick(now_s, self._status(now_s))
+        frames = self._on_phase(now_s, decision)
+        self._sent_rad_s = nan
+        if decision.setpoint is not None and authority.may_stream(now_s):
+            name, fields = self._encoder.encode(decision.setpoint, self._height_m(now_s))
+            frames.append(link.setpoint(name, fields, now_s))
+            self._sent_rad_s = decision.setpoint.turn_rate_rad_s
+        frames += link.poll(now_s) + link.read_parameters(now_s)
+        self._tell_failures(now_s)
+        return frames, self._record(now_s, decision, lateness_s, missed_ticks)
+
+    def after_gap(self, now_s: float) -> list[bytes]:
+        """The loop was away for longer than half the loss timeout: send nothing until a newer mode message."""
+        self._tell(now_s, "the loop was held up: waiting for a fresh mode message before any setpoint", 4)
+        return [self.link.after_gap(now_s)]
+
+    def end(self, reason: str) -> None:
+        """Ask for a polite end: hold, then silence."""
+        self.end_reason = self.end_reason or reason
+
+    @property
+    def done(self) -> bool:
+        """Whether the flight has ended."""
+        return self.computer.phase is Phase.FINISHED
+
+    @property
+    def problem(self) -> str:
+        """What the engage sequence failed on; empty while all is well."""
+        return self._auto.problem if self._auto else ""
+
+    @property
+    def waiting_for(self) -> str:
+        """What a person at the terminal should know while nothing flies yet."""
+        phase = self.computer.phase
+        if phase is Phase.READY and self._auto is not None and self._auto.step is not Step.LEFT_TO_PILOT:
+            return self._auto.step.value
+        return ""
+
+    def _status(self, now_s: float) -> Status:
+        authority = self.link.authority
+        control = authority.control
+        return Status(
+            heard=self.link.autopilot.heard(now_s),
+            held=control in (Control.HELD, Control.GIVING_BACK),
+            released=control is Control.RELEASED,
+            ending=bool(self.end_reason) and control is not Control.ASKED,
+            why=self.end_reason if self.end_reason and control is not Control.RELEASED else authority.reason,
+            motion=self._motion(now_s),
+            height_m=self._height_m(now_s),
+        )
+
+    def _follow_operator(self, now_s: float) -> None:
+        authority = self.link.authority
+        if self.end_reason and authority.control is Control.HELD:
+            authority.give_back(px4_modes.HOLD, now_s, self.end_reason)
+        if self.link.latch_commands != self._latch_commands:
+            self._latch_commands = self.link.latch_commands
+            opened = authority.open_latch()
+            self._tell(now_s, "latch opened" if opened else "latch kept: no settled mode", INFO if opened else 4)
+
+    def _on_phase(self, now_s: float, decision: Decision) -> list[bytes]:
+        phase = decision.phase
+        if phase is self._phase:
+            return []
+        self._phase = phase
+        if phase is Phase.ACQUIRING and not now_s >= self.engaged_s:
+            self.engaged_s = now_s
+        if phase is Phase.RANGE_LOST:
+            action = self._config.on_range_lost
+            self.link.authority.give_back(HAND_OVER[action], now_s, f"range lost: {action}")
+        severity = TEXT_SEVERITY.get(phase, INFO)
+        self._tell(now_s, f"{phase}: {decision.reason}", severity)
+        if self.link.autopilot.sysid is None:
+            return []
+        return [self.link.statustext(f"circumnav {phase}: {decision.reason}", severity)]
+
+    def _tell(self, now_s: float, text: str, severity: int) -> None:
+        self.events.append(Event(now_s, text, severity))
+
+    def _tell_failures(self, now_s: float) -> None:
+        failures = self.link.commands.failures
+        for failure in failures[self._failures_told :]:
+            if failure.command.command != enums.MAV_CMD_SET_MESSAGE_INTERVAL:  # an autopilot may lack a stream
+                self._tell(now_s, str(failure), 4)
+        self._failures_told = len(failures)
+
+    def _motion(self, now_s: float) -> Motion:
+        ap = self.link.autopilot
+        turn_rate = ap.turn_rate_rad_s(now_s)
+        if turn_rate != turn_rate:  # NaN: not measured, so what was asked
+            turn_rate = self._sent_rad_s
+        speed = ap.speed_m_s if now_s - ap.velocity_s <= 1.0 else nan
+        return Motion(V=speed, u=turn_rate, psi=ap.heading_rad(now_s))
+
+    def _height_m(self, now_s: float) -> float:
+        return self.link.autopilot.height_above_home_m(now_s)
+
+    def _record(self, now_s: float, decision: Decision, lateness_s: float, missed_ticks: int) -> TickRecord:
+        ap, estimate = self.link.autopilot, decision.estimate
+        age_s = self.computer.sample_age_s(now_s)
+        return TickRecord(
+            now_s,
+            decision.phase,
+            self.link.authority.control,
+            px4_modes.name(ap.custom_mode) if ap.custom_mode is not None else "",
+            estimate.r if estimate else nan,
+            estimate.r_dot if estimate else nan,
+            self._newest_range_m,
+            age_s if age_s < 1e6 else inf,
+            decision.wanted_rad_s,
+            self._sent_rad_s,
+            ap.turn_rate_rad_s(now_s),
+            ap.speed_m_s,
+            decision.speed_source,
+            self._height_m(now_s),
+            int(decision.saturated),
+            self.rejected.total(),
+            lateness_s,
+            missed_ticks,
+        )
+
+
+class RangingLink:
+    """A MAVLink endpoint of the ranging radio's own: only ranges are read from it."""
+
+    def __init__(self, subscribed: set[str]) -> None:
+        self._splitter = Splitter()
+        self._decoder = Decoder(subscribed)
+
+    def receive(self, data: bytes, *, whole: bool) -> tuple[list[Frame], list[Message]]:
+        """Take in bytes; return all frames and the ranging messages."""
+        frames = self._splitter.feed(data, whole=whole)
+        return frames, [m for f in frames if (m := self._decoder.decode(f)) is not None]

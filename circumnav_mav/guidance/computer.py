@@ -1,0 +1,202 @@
+"""The guidance computer: ranges and the vehicle's motion in, a turn rate out, on the caller's clock.
+
+on_sample(sample, motion)  whenever a range comes
+tick(now_s, status)        on the fixed grid: phase -> estimate -> law -> limiter -> TurnRateSetpoint
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import isfinite, isnan, nan, sqrt
+
+from circumnav_mav.guidance.estimators import make
+from circumnav_mav.guidance.kernel import Estimate, EstimatorContext, Law, LawContext, Motion, mirror
+from circumnav_mav.guidance.laws import LAWS
+from circumnav_mav.guidance.limiter import TurnRateLimiter
+from circumnav_mav.guidance.phases import ENGAGED, Facts, Phase, step
+from circumnav_mav.types import RangeSample, Rejected, TurnRateSetpoint
+
+BAND_SHARE = 0.05
+"""Half width of the orbit band as a share of the radius; not narrower than 3 sigma_r."""
+SETTLED_S = 3.0
+STRAYED_S = 3.0
+STRAYED_BANDS = 3.0
+OVERHEAD_SHARE = 0.15
+"""Below this ratio of horizontal to slant range, the horizontal range is mostly error: sigma_r grows by 1 / ratio."""
+
+
+@dataclass(frozen=True, slots=True)
+class GuidanceSettings:
+    """What the computer is built from. Units as named; NaN = not configured."""
+
+    law: str
+    law_options: dict[str, float]
+    estimator: str
+    estimator_options: dict[str, float]
+    context: LawContext
+    clockwise: bool
+    turn_accel_limit_rad_s2: float
+    max_age_s: float
+    coast_s: float
+    sigma_m: float
+    height_m: float = nan
+    target_height_m: float = nan
+
+
+@dataclass(frozen=True, slots=True)
+class Status:
+    """The vehicle at one tick. why: what the authority over the aircraft says, in words."""
+
+    heard: bool
+    held: bool
+    released: bool
+    ending: bool
+    why: str
+    motion: Motion
+    height_m: float = nan
+
+
+@dataclass(frozen=True, slots=True)
+class Decision:
+    """What one tick decided. setpoint: None = nothing may be asked of the vehicle in this phase."""
+
+    phase: Phase
+    reason: str
+    setpoint: TurnRateSetpoint | None
+    estimate: Estimate | None
+    wanted_rad_s: float
+    saturated: bool
+    speed_source: str
+
+
+class GuidanceComputer:
+    """One flight's guidance. Pure: it acts only through what `tick` returns."""
+
+    def __init__(self, settings: GuidanceSettings) -> None:
+        s = settings
+        self._settings = s
+        self._law: Law = LAWS[s.law]
+        self._parameters = self._law.parameters({**self._law.options, **s.law_options}, s.context)
+        side = 1.0 if s.clockwise else -1.0
+        context = EstimatorContext(
+            r_a=s.context.r_a, V=s.context.V, turn_rate_limit=s.context.turn_rate_limit, side=side
+        )
+        self.estimator = make(s.estimator, s.estimator_options, context)
+        missing = set(self._law.needs) - self.estimator.gives - {"V"}
+        if missing:
+            raise ValueError(
+                f"law {s.law} needs {', '.join(sorted(missing))}, which estimator {s.estimator} does not give"
+            )
+        self._limiter = TurnRateLimiter(s.context.turn_rate_limit, s.turn_accel_limit_rad_s2)
+        self.band_m = max(BAND_SHARE * s.context.r_a, 3.0 * s.sigma_m)
+        self.phase = Phase.WAITING_AUTOPILOT
+        self.reason = "started"
+        self._fresh_s = -1e9  # when the newest used range was true
+        self._inside_since_s = nan
+        self._outside_since_s = nan
+        self._hold_height_m = nan
+
+    def on_sample(self, sample: RangeSample, motion: Motion, height_m: float) -> Rejected | None:
+        """Use a range; return why not where it is not used."""
+        flat = self._horizontal(sample, height_m)
+        if isinstance(flat, Rejected):
+            return flat
+        rejected = self.estimator.on_sample(flat, self._motion(motion)[0])
+        if rejected is None:
+            self._fresh_s = sample.t_s
+        return rejected
+
+    def _horizontal(self, sample: RangeSample, height_m: float) -> RangeSample | Rejected:
+        """Slant range R to horizontal range, r = sqrt(R^2 - h^2), where the target's height is configured."""
+        sigma = self._settings.sigma_m if isnan(sample.sigma_m) else sample.sigma_m
+        if isnan(self._settings.target_height_m):
+            return RangeSample(sample.t_s, sample.range_m, sample.range_rate_m_s, sigma, sample.beacon_id)
+        above = height_m - self._settings.target_height_m
+        if isnan(above):
+            return Rejected(sample.t_s, "no_height", "the slant range needs a height, and the autopilot sends none")
+        square = sample.range_m**2 - above**2
+        if square <= (OVERHEAD_SHARE * sample.range_m) ** 2:
+            return Rejected(sample.t_s, "overhead", f"slant {sample.range_m:.1f} m at {above:.1f} m above the target")
+        r = sqrt(square)
+        ratio = sample.range_m / r
+        return RangeSample(sample.t_s, r, sample.range_rate_m_s * ratio, sigma * ratio, sample.beacon_id)
+
+    def tick(self, now_s: float, status: Status) -> Decision:
+        """Decide at `now_s`."""
+        motion, source = self._motion(status.motion)
+        self.estimator.advance(now_s, motion)
+        estimate = self.estimator.at(now_s, motion)
+        if estimate is not None and not (isfinite(estimate.r) and estimate.r > 0.0):
+            estimate = None
+        self._change_phase(now_s, status, estimate)
+        setpoint, wanted, saturated = self._setpoint(now_s, status, estimate)
+        return Decision(self.phase, self.reason, setpoint, estimate, wanted, saturated, source)
+
+    def _motion(self, motion: Motion) -> tuple[Motion, str]:
+        """The motion with the speed flown, or the configured speed where none is measured."""
+        if isnan(motion.V):
+            return motion._replace(V=self._settings.context.V), "configured"
+        return motion, "measured"
+
+    def _change_phase(self, now_s: float, status: Status, estimate: Estimate | None) -> None:
+        known = estimate is not None
+        age_s = now_s - self._fresh_s
+        self._watch_band(now_s, estimate)
+        facts = Facts(
+            heard=status.heard,
+            held=status.held,
+            released=status.released,
+            ending=status.ending,
+            fresh=known and age_s <= self._settings.max_age_s,
+            coastable=known and age_s <= self._settings.coast_s,
+            settled=now_s - self._inside_since_s >= SETTLED_S,
+            strayed=now_s - self._outside_since_s >= STRAYED_S,
+        )
+        change = step(self.phase, facts, status.why)
+        if change is None:
+            return
+        before = self.phase
+        self.phase, self.reason = change
+        if self.phase in ENGAGED and before not in ENGAGED:
+            self._limiter.reset()
+            wanted = self._settings.height_m
+            self._hold_height_m = status.height_m if isnan(wanted) else wanted
+
+    def _watch_band(self, now_s: float, estimate: Estimate | None) -> None:
+        error = nan if estimate is None else abs(estimate.r - self._settings.context.r_a)
+        self._inside_since_s = _since(self._inside_since_s, now_s, error <= self.band_m)
+        self._outside_since_s = _since(self._outside_since_s, now_s, error > STRAYED_BANDS * self.band_m)
+
+    def _setpoint(
+        self, now_s: float, status: Status, estimate: Estimate | None
+    ) -> tuple[TurnRateSetpoint | None, float, bool]:
+        stay = TurnRateSetpoint(now_s, 0.0, 0.0, self._hold_height_m)
+        if self.phase in (Phase.READY, Phase.RANGE_LOST):
+            return stay, nan, False
+        if self.phase not in ENGAGED:
+            return None, nan, False
+        if status.ending:
+            return stay, nan, False
+        if estimate is None:
+            return None, nan, False
+        wanted = self._turn_rate(estimate)
+        limited = self._limiter.limit(now_s, wanted)
+        speed = self._settings.context.V
+        setpoint = TurnRateSetpoint(now_s, limited.turn_rate_rad_s, speed, self._hold_height_m)
+        return setpoint, wanted, limited.saturated
+
+    def _turn_rate(self, estimate: Estimate) -> float:
+        if self._settings.clockwise:
+            return self._law.turn_rate(estimate, self._parameters)
+        return -self._law.turn_rate(mirror(estimate), self._parameters)
+
+    def sample_age_s(self, now_s: float) -> float:
+        """Return the age of the newest range that was used; huge before the first."""
+        return now_s - self._fresh_s
+
+
+def _since(since_s: float, now_s: float, holds: bool) -> float:
+    """Return since when a condition holds without a break; NaN while it does not."""
+    if not holds:
+        return nan
+    return now_s if isnan(since_s) else since_s

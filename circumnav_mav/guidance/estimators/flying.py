@@ -1,0 +1,102 @@
+"""An estimator in flight: keeps time and the trail, and lets the kernels do the rest. One class for all of them.
+
+The bank of hypotheses stands at the time of the last sample; `at` carries a copy of it along the trail to the tick. So
+a late sample is put where it belongs, a dropout costs nothing, and an estimate is as fresh as the tick.
+"""
+
+from __future__ import annotations
+
+from math import isnan, nan, sqrt
+from typing import Any
+
+from circumnav_mav.guidance.kernel import (
+    NAN,
+    OUTLIER,
+    RESTARTED,
+    Estimate,
+    Estimator,
+    Memory,
+    Motion,
+    Moved,
+    Reading,
+)
+from circumnav_mav.guidance.trail import Place, Trail
+from circumnav_mav.types import RangeSample, Rejected
+
+TRAIL_S = 2.0
+"""Samples older than this cannot be placed any more."""
+
+NOWHERE = Moved(0.0, 0.0, 0.0, 0.0, NAN, NAN, NAN)
+
+
+class FlyingEstimator:
+    """Samples in at their own times, an estimate out at any tick. Always sees the real, unmirrored world.
+
+    speed_m_s: the configured speed, used until a Motion brings one.
+    """
+
+    def __init__(self, estimator: Estimator, parameters: Any, speed_m_s: float) -> None:
+        self.name = estimator.name
+        self.needs = estimator.needs
+        self.gives = estimator.gives
+        self._kernels = estimator
+        self._par = parameters
+        self._speed_m_s = speed_m_s
+        self.reset()
+
+    def reset(self) -> None:
+        """Know nothing again."""
+        self._bank = self._kernels.begin(self._par)
+        self._mem = Memory()
+        self._trail = Trail(TRAIL_S, self._speed_m_s)
+        self._anchor: Place | None = None  # where the bank stands
+        self.restarts = 0  # times the readings outvoted the belief since the reset
+
+    def advance(self, now_s: float, motion: Motion) -> None:
+        """Take in what was flown since the last call: every control tick, before `at`."""
+        self._trail.advance(now_s, motion)
+
+    def on_sample(self, sample: RangeSample, motion: Motion) -> Rejected | None:
+        """Use a range at the time it was true, perhaps before the last `advance`. Rejected says why it was not used."""
+        if not self._trail:
+            self._trail.advance(sample.t_s, motion)
+        place = self._trail.at(sample.t_s, motion)
+        if place is None:
+            return Rejected(sample.t_s, "too_old", f"more than {TRAIL_S:g} s before the last tick, or before the first")
+        moved = NOWHERE._replace(V=self._speed_m_s)
+        if self._anchor is not None:
+            if sample.t_s <= self._anchor.t_s:
+                return Rejected(sample.t_s, "out_of_order", "a later range was used before it")
+            moved = self._trail.between(self._anchor, place, motion)
+        reading = Reading(sample.range_m, sample.range_rate_m_s, sample.sigma_m)
+        self._mem = self._kernels.observe(self._bank, self._mem, moved, reading, self._par)
+        self._anchor = place
+        if self._mem.verdict == OUTLIER:
+            return Rejected(sample.t_s, "outlier", f"{sample.range_m:.1f} m does not fit the ranges before it")
+        self.restarts += self._mem.verdict == RESTARTED
+        return None
+
+    def at(self, now_s: float, motion: Motion) -> Estimate | None:
+        """Return the estimate carried to `now_s`; None while the target is not known well enough to fly on."""
+        place = self._trail.at(now_s, motion)
+        if self._anchor is None or place is None or self._mem.known == 0.0:
+            return None
+        moved = self._trail.between(self._anchor, place, motion)
+        return self._kernels.carry(self._bank, self._mem, moved, self._par)
+
+    def covariance(self) -> tuple[float, ...]:
+        """Return the variances that the estimator's module names, as of the last sample."""
+        return self._kernels.covariance(self._bank)
+
+    def sigma_r(self) -> float:
+        """Return the standard deviation of the range at the last sample, m; NaN while unknown."""
+        variance = self.covariance()[0]
+        return nan if isnan(variance) else sqrt(max(0.0, variance))
+
+    def consistency(self) -> float:
+        """Return the normalised innovation squared of the last range that was used: 1 on average when all is well."""
+        return self._mem.nis
+
+    def sample_time_s(self) -> float:
+        """Return the time of the last sample that arrived, used or refused; NaN before the first."""
+        return nan if self._anchor is None else self._anchor.t_s

@@ -1,0 +1,90 @@
+"""Where the vehicle has been by its own reckoning, for the last seconds: what carries an estimate between two times.
+
+A range that comes late belongs to a place behind the vehicle. Ticks add to the trail; `between` gives the motion from
+any time on it to any later one, so that the estimate waits at the last sample and nothing is ever replayed.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from math import cos, isnan, pi, sin
+from typing import NamedTuple
+
+from circumnav_mav.guidance.kernel import Motion, Moved
+
+
+class Place(NamedTuple):
+    t_s: float
+    x: float  # m, in axes fixed at the start
+    y: float
+    heading: float  # rad, unwrapped, in the same axes
+    north: float  # what to add to `heading` for the compass heading, rad; NaN until there was a compass
+
+
+def sinc(x: float) -> float:
+    return 1.0 - x * x / 6.0 if abs(x) < 1e-3 else sin(x) / x
+
+
+def onward(place: Place, t_s: float, motion: Motion) -> Place:
+    """Return the place after flying `motion` until `t_s`: one exact arc, turned by the compass where there is one."""
+    dt = t_s - place.t_s
+    turn, north = motion.u * dt, place.north
+    if not isnan(motion.psi):
+        if isnan(north):
+            north = motion.psi - (place.heading + turn)
+        else:
+            turn = (motion.psi - place.heading - north + pi) % (2.0 * pi) - pi
+    chord = motion.V * dt * sinc(0.5 * turn)
+    course = place.heading + 0.5 * turn
+    return Place(t_s, place.x + chord * cos(course), place.y + chord * sin(course), place.heading + turn, north)
+
+
+class Trail:
+    """The last `span_s` seconds of dead reckoning."""
+
+    def __init__(self, span_s: float, speed_m_s: float) -> None:
+        self._span_s = span_s
+        self._places: deque[Place] = deque()
+        self._motion = Motion(V=speed_m_s, u=0.0)
+
+    def __bool__(self) -> bool:
+        return bool(self._places)
+
+    def known(self, motion: Motion) -> Motion:
+        """Return the motion with the last known speed and turn rate where a sensor is silent."""
+        last = self._motion
+        return Motion(last.V if isnan(motion.V) else motion.V, last.u if isnan(motion.u) else motion.u, motion.psi)
+
+    def advance(self, now_s: float, motion: Motion) -> None:
+        """Add the motion flown since the last call. Time that does not go on adds nothing."""
+        self._motion = motion = self.known(motion)
+        places = self._places
+        if not places:
+            places.append(Place(now_s, 0.0, 0.0, 0.0, motion.psi))
+        elif now_s > places[-1].t_s:
+            places.append(onward(places[-1], now_s, motion))
+            while places[1].t_s < now_s - self._span_s:
+                places.popleft()
+
+    def at(self, t_s: float, motion: Motion) -> Place | None:
+        """Return the place at a time: on the trail, or ahead of its end with `motion`. None before it begins."""
+        places = self._places
+        if not places or t_s < places[0].t_s:
+            return None
+        later = places[-1]
+        if t_s >= later.t_s:
+            return onward(later, t_s, self.known(motion)) if t_s > later.t_s else later
+        i = len(places) - 2
+        while places[i].t_s > t_s:
+            i -= 1
+        earlier, later = places[i], places[i + 1]
+        f = (t_s - earlier.t_s) / (later.t_s - earlier.t_s)
+        x, y, heading = (a + f * (b - a) for a, b in zip(earlier[1:4], later[1:4], strict=True))
+        return Place(t_s, x, y, heading, later.north)
+
+    def between(self, a: Place, b: Place, motion: Motion) -> Moved:
+        """Return the motion from one place to another, with the speed and turn rate of `motion` at the second."""
+        V, u, _ = self.known(motion)
+        dx, dy, c, s = b.x - a.x, b.y - a.y, cos(a.heading), sin(a.heading)
+        turn = b.heading - a.heading
+        return Moved(b.t_s - a.t_s, dx * c + dy * s, dy * c - dx * s, turn, V, u, b.heading + b.north)

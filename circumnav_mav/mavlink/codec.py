@@ -1,0 +1,173 @@
+"""Frames: split a stream by looking at the message id first, check the CRC, decode only what is subscribed; and pack.
+
+Any bytes give frames or counts, never an exception. MAVLink 2 throughout; MAVLink 1 frames are read, not written.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+from fastcrc.crc16 import mcrf4xx
+
+from circumnav_mav.mavlink.dialect import CRC_EXTRA, Layout, by_name, layout
+
+MAGIC_1, MAGIC_2 = 0xFE, 0xFD
+HEADER_1, HEADER_2 = 6, 10
+CHECKSUM, SIGNATURE = 2, 13
+SIGNED = 0x01
+
+
+class Frame(NamedTuple):
+    """One whole frame whose checksum is right, or whose id is unknown to the dialect and so cannot be checked."""
+
+    msgid: int
+    sysid: int
+    compid: int
+    seq: int
+    raw: bytes
+    known: bool
+
+
+class Message(NamedTuple):
+    """A decoded message: where it came from and its fields (a named tuple, MAVLink's own field names and units)."""
+
+    name: str
+    sysid: int
+    compid: int
+    seq: int
+    fields: Any
+
+
+@dataclass(slots=True)
+class LinkCounts:
+    """What came in, for the report: nothing on a link is dropped without being counted."""
+
+    frames: int = 0
+    decoded: int = 0
+    unknown: int = 0
+    bad_crc: int = 0
+    rubbish_bytes: int = 0
+
+
+class Splitter:
+    """Cuts a byte stream, or datagrams, into frames."""
+
+    def __init__(self) -> None:
+        self.counts = LinkCounts()
+        self._tail = b""
+
+    def feed(self, data: bytes, *, whole: bool) -> list[Frame]:
+        """Return the frames in `data`. `whole`: a datagram, which no frame outlives; else the rest is kept.
+
+        One loop on purpose: this is the hot path, and a call a frame would cost as much as the frame.
+        """
+        buf = self._tail + data if self._tail else data
+        frames: list[Frame] = []
+        at, size = 0, len(buf)
+        counts = self.counts
+        while at < size:
+            magic = buf[at]
+            if magic == MAGIC_2:
+                header = HEADER_2
+            elif magic == MAGIC_1:
+                header = HEADER_1
+            else:
+                at = self._skip(buf, at)
+                continue
+            if at + header > size:
+                if not whole:
+                    break
+                at = self._skip(buf, at)
+                continue
+            length = buf[at + 1]
+            if magic == MAGIC_2:
+                flags = buf[at + 2]
+                msgid = buf[at + 7] | buf[at + 8] << 8 | buf[at + 9] << 16
+                end = at + HEADER_2 + length + CHECKSUM + (SIGNATURE if flags & SIGNED else 0)
+                ids = at + 4
+                if flags & ~SIGNED:  # the standard: a frame with unknown flags must not be understood
+                    at = self._skip(buf, at)
+                    continue
+            else:
+                msgid = buf[at + 5]
+                end = at + HEADER_1 + length + CHECKSUM
+                ids = at + 2
+            if end > size:
+                if not whole:
+                    break
+                at = self._skip(buf, at)
+                continue
+            extra = CRC_EXTRA.get(msgid)
+            if extra is not None:
+                body_end = at + header + length
+                crc = mcrf4xx(extra, mcrf4xx(buf[at + 1 : body_end]))
+                if crc != buf[body_end] | buf[body_end + 1] << 8:
+                    counts.bad_crc += 1
+                    at = self._skip(buf, at)
+                    continue
+            elif end < size and buf[end] != MAGIC_2 and buf[end] != MAGIC_1:
+                # An unknown id cannot be checked: believe its length only where a frame or nothing follows.
+                at = self._skip(buf, at)
+                continue
+            else:
+                counts.unknown += 1
+            frames.append(Frame(msgid, buf[ids + 1], buf[ids + 2], buf[ids], buf[at:end], extra is not None))
+            at = end
+        self._tail = b"" if whole else buf[at:]
+        counts.frames += len(frames)
+        return frames
+
+    def _skip(self, buf: bytes, at: int) -> int:
+        """Return the next place after `at` where a frame may begin."""
+        two, one = buf.find(MAGIC_2, at + 1), buf.find(MAGIC_1, at + 1)
+        follow = min((p for p in (two, one) if p >= 0), default=len(buf))
+        self.counts.rubbish_bytes += follow - at
+        return follow
+
+
+class Decoder:
+    """Turns the frames of subscribed ids into messages; all others cost a set look-up."""
+
+    def __init__(self, names: Iterable[str]) -> None:
+        self._layouts: dict[int, Layout] = {by_name(name).msgid: by_name(name) for name in names}
+        self.decoded = 0
+
+    def decode(self, frame: Frame) -> Message | None:
+        """Return the message, or None where its id is not subscribed."""
+        shape = self._layouts.get(frame.msgid)
+        if shape is None:
+            return None
+        self.decoded += 1
+        raw = frame.raw
+        header = HEADER_2 if raw[0] == MAGIC_2 else HEADER_1
+        return Message(shape.name, frame.sysid, frame.compid, frame.seq, shape.unpack(raw[header : header + raw[1]]))
+
+
+class Packer:
+    """Packs messages under one identity with its own sequence number."""
+
+    def __init__(self, sysid: int, compid: int) -> None:
+        self.sysid = sysid
+        self.compid = compid
+        self._seq = 0
+
+    def pack(self, name: str, **fields: Any) -> bytes:
+        """Return the frame of message `name`. Raises KeyError for a missing or unknown field."""
+        shape = by_name(name)
+        payload = shape.pack(fields)
+        msgid = shape.msgid
+        body = bytes(
+            (len(payload), 0, 0, self._seq, self.sysid, self.compid, msgid & 0xFF, msgid >> 8 & 0xFF, msgid >> 16)
+        )
+        self._seq = (self._seq + 1) & 0xFF
+        body += payload
+        crc = mcrf4xx(CRC_EXTRA[msgid], mcrf4xx(body))
+        return b"\xfd" + body + crc.to_bytes(2, "little")
+
+
+def name_of(msgid: int) -> str:
+    """Return the name of a message id, for people."""
+    shape = layout(msgid)
+    return shape.name if shape else f"message {msgid}"

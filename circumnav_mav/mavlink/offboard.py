@@ -1,0 +1,213 @@
+"""Who flies: whether OFFBOARD is held by this app, and whether a setpoint may leave it. A table driven by now_s.
+
+What PX4 does, measured: an ACK of a mode request says nothing (two come, only the second is the verdict), the mode in
+HEARTBEAT or CURRENT_MODE does; OFFBOARD comes back BY ITSELF when a stream resumes after a failsafe, because the
+intention stays OFFBOARD. So nothing is streamed unless the newest mode message shows that OFFBOARD is held by this app,
+or a mode that streaming cannot change.
+
+Transitions on a mode message (state x what it shows -> state; RELEASED is latched and has no row):
+
+    NOT_HELD    x OFFBOARD, we streamed      -> HELD         the pilot engaged
+    NOT_HELD    x OFFBOARD, we did not       -> NOT_HELD     somebody else's; never joined
+    ASKED       x OFFBOARD                   -> HELD         confirmed
+    ASKED       x another mode than when asked -> RELEASED   the pilot chose while we asked
+    HELD        x OFFBOARD                   -> HELD
+    HELD        x anything else              -> RELEASED     pilot, ground station or failsafe
+    GIVING_BACK x anything but OFFBOARD      -> GIVEN_BACK   what we asked for
+    GIVEN_BACK  x a settled mode             -> NOT_HELD     may be engaged again by the pilot
+"""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from math import inf, nan
+from typing import NamedTuple
+
+from circumnav_mav.mavlink import px4_modes
+from circumnav_mav.mavlink.autopilot import STATUS_CRITICAL, Autopilot
+
+ASK_AGAIN_S = 1.0
+ASKS = 3
+PRIMED_WITHIN_S = 0.5
+"""A request goes out only behind a setpoint younger than this: PX4 refuses one that comes first."""
+
+
+class Control(StrEnum):
+    """Where the authority over the aircraft stands."""
+
+    NOT_HELD = "not held"
+    ASKED = "asked for"
+    HELD = "held"
+    GIVING_BACK = "giving back"
+    GIVEN_BACK = "given back"
+    RELEASED = "released"
+
+
+class Seen(StrEnum):
+    """What the newest mode message shows."""
+
+    NOTHING = "nothing"
+    OFFBOARD = "offboard"
+    OFFBOARD_DISARMED = "offboard, disarmed"
+    SETTLED = "settled"  # another mode, and a stream cannot change it
+    FAILSAFE = "failsafe"  # another mode, and a stream would take the aircraft back
+    UNCLEAR = "unclear"  # another mode, and the autopilot does not say what it intends
+
+
+class ModeRequest(NamedTuple):
+    """A mode that the app asks for, as PX4's custom_mode."""
+
+    custom_mode: int
+
+
+_ON_MODE: dict[tuple[Control, Seen], tuple[Control, str]] = {
+    (Control.ASKED, Seen.OFFBOARD): (Control.HELD, "Offboard confirmed by the autopilot"),
+    (Control.HELD, Seen.OFFBOARD_DISARMED): (Control.RELEASED, "the vehicle was disarmed"),
+    (Control.HELD, Seen.SETTLED): (Control.RELEASED, "pilot or ground station chose {mode}"),
+    (Control.HELD, Seen.UNCLEAR): (Control.RELEASED, "the autopilot left Offboard for {mode}"),
+    (Control.HELD, Seen.FAILSAFE): (Control.RELEASED, "failsafe: the autopilot left Offboard for {mode}"),
+    (Control.GIVING_BACK, Seen.OFFBOARD_DISARMED): (Control.GIVEN_BACK, "disarmed"),
+    (Control.GIVING_BACK, Seen.SETTLED): (Control.GIVEN_BACK, "handed over to {mode}"),
+    (Control.GIVING_BACK, Seen.UNCLEAR): (Control.GIVEN_BACK, "handed over to {mode}"),
+    (Control.GIVING_BACK, Seen.FAILSAFE): (Control.GIVEN_BACK, "handed over to {mode} by failsafe"),
+    (Control.GIVEN_BACK, Seen.SETTLED): (Control.NOT_HELD, "{mode} flies"),
+}
+
+
+class Authority:
+    """The state of the table above; `loss_timeout_s` is the autopilot's COM_OF_LOSS_T."""
+
+    def __init__(self, autopilot: Autopilot) -> None:
+        self._autopilot = autopilot
+        self.control = Control.NOT_HELD
+        self.reason = "waiting for the autopilot's mode"
+        self.loss_timeout_s = 1.0
+        self.refused = False
+        """Whether OFFBOARD was asked for `ASKS` times in vain."""
+        self._blind_since_s = -inf
+        """Mode messages up to this time prove nothing."""
+        self._sent_s = nan
+        self._asked_mode: int | None = None
+        self._give_back_mode: int | None = None
+        self._asks = 0
+        self._ask_next_s = nan
+
+    def seen(self) -> Seen:
+        """Return what the newest mode message shows, NOTHING while it is older than the last gap."""
+        ap = self._autopilot
+        if ap.custom_mode is None or not ap.mode_s > self._blind_since_s:
+            return Seen.NOTHING
+        if ap.custom_mode == px4_modes.OFFBOARD:
+            return Seen.OFFBOARD if ap.armed else Seen.OFFBOARD_DISARMED
+        if ap.system_status >= STATUS_CRITICAL or ap.intended_mode == px4_modes.OFFBOARD:
+            return Seen.FAILSAFE
+        return Seen.SETTLED if ap.intended_mode == ap.custom_mode else Seen.UNCLEAR
+
+    def may_stream(self, now_s: float) -> bool:
+        """Return whether a setpoint may leave now."""
+        if not self._autopilot.heard(now_s):
+            return False
+        seen = self.seen()
+        if seen is Seen.NOTHING:
+            return False
+        if self.control is Control.GIVING_BACK:
+            return self._give_back_mode is not None
+        if self.control in (Control.HELD, Control.ASKED):
+            return True
+        return self.control is Control.NOT_HELD and seen is Seen.SETTLED
+
+    def why_not(self, now_s: float) -> str:
+        """Return in words why no setpoint may leave now; empty where one may."""
+        if self.may_stream(now_s):
+            return ""
+        if not self._autopilot.heard(now_s):
+            return "the autopilot is not heard"
+        if self.control in (Control.RELEASED, Control.GIVING_BACK, Control.GIVEN_BACK):
+            return self.reason
+        return {
+            Seen.NOTHING: "waiting for a mode message newer than the gap",
+            Seen.OFFBOARD: "Offboard was active before this app streamed: choose another mode, then Offboard again",
+            Seen.OFFBOARD_DISARMED: "Offboard is selected on the ground: choose another mode first",
+            Seen.FAILSAFE: "failsafe: a stream would take the aircraft by itself; choose a mode first",
+            Seen.UNCLEAR: "the autopilot does not send CURRENT_MODE, so streaming early is not safe",
+        }.get(seen := self.seen(), str(seen))
+
+    def on_mode(self, now_s: float) -> None:
+        """Walk the table after a HEARTBEAT or CURRENT_MODE."""
+        seen = self.seen()
+        if self.control is Control.NOT_HELD and seen is Seen.OFFBOARD and self._primed(now_s, self.loss_timeout_s + 1):
+            self._to(Control.HELD, "the pilot selected Offboard")
+        elif self._pilot_chose_while_asked(seen):
+            self._to(Control.RELEASED, f"pilot or ground station chose {self._mode()} while Offboard was asked for")
+        elif row := _ON_MODE.get((self.control, seen)):
+            self._to(row[0], row[1].format(mode=self._mode()))
+
+    def _pilot_chose_while_asked(self, seen: Seen) -> bool:
+        others = (Seen.SETTLED, Seen.FAILSAFE, Seen.UNCLEAR)
+        return self.control is Control.ASKED and seen in others and self._autopilot.custom_mode != self._asked_mode
+
+    def gap(self, now_s: float) -> None:
+        """The app was away (a lag above half the loss timeout, SIGCONT, silence): believe only newer mode messages."""
+        self._blind_since_s = now_s
+
+    def sent(self, now_s: float) -> None:
+        """A setpoint left at `now_s`."""
+        self._sent_s = now_s
+
+    def ask(self, now_s: float) -> None:
+        """Ask for OFFBOARD (engage auto). Only from NOT_HELD; the verdict comes from the mode messages."""
+        if self.control is Control.NOT_HELD:
+            self._to(Control.ASKED, "asking for Offboard")
+            self._asked_mode = self._autopilot.custom_mode
+            self._asks, self._ask_next_s = 0, now_s
+
+    def give_back(self, custom_mode: int | None, now_s: float, reason: str) -> None:
+        """Hand the aircraft over: ask for a mode, or with None fall silent. Only while HELD."""
+        if self.control is Control.HELD:
+            self._to(Control.GIVING_BACK, reason)
+            self._give_back_mode = custom_mode
+            self._asks, self._ask_next_s = 0, now_s
+
+    def open_latch(self) -> bool:
+        """The operator asks to be followed again after a release; only in a settled mode. Return whether it opened."""
+        if self.control is Control.RELEASED and self.seen() is Seen.SETTLED:
+            self._to(Control.NOT_HELD, "released by the operator's command: Offboard may be selected again")
+            return True
+        return False
+
+    def poll(self, now_s: float) -> list[ModeRequest]:
+        """Return the mode requests that are due."""
+        if self.control is Control.ASKED:
+            if self._primed(now_s, PRIMED_WITHIN_S) and now_s >= self._ask_next_s:
+                return self._ask(px4_modes.OFFBOARD, now_s)
+        elif self.control is Control.GIVING_BACK and now_s >= self._ask_next_s:
+            if self._give_back_mode is not None:
+                return self._ask(self._give_back_mode, now_s)
+            if now_s >= self._ask_next_s + self.loss_timeout_s + ASK_AGAIN_S:
+                self._to(Control.GIVEN_BACK, "streaming stopped")
+        return []
+
+    def _ask(self, custom_mode: int, now_s: float) -> list[ModeRequest]:
+        if self._asks == ASKS:
+            self._in_vain(custom_mode)
+            return []
+        self._asks += 1
+        self._ask_next_s = now_s + ASK_AGAIN_S
+        return [ModeRequest(custom_mode)]
+
+    def _in_vain(self, custom_mode: int) -> None:
+        wanted = px4_modes.name(custom_mode)
+        if self.control is Control.ASKED:
+            self.refused = True
+            self._to(Control.RELEASED, f"the autopilot did not enter {wanted} when asked {ASKS} times")
+        else:
+            self._to(Control.GIVEN_BACK, f"{wanted} was not confirmed; streaming stopped")
+
+    def _primed(self, now_s: float, within_s: float) -> bool:
+        return now_s - self._sent_s <= within_s
+
+    def _mode(self) -> str:
+        return px4_modes.name(self._autopilot.custom_mode or 0)
+
+    def _to(self, control: Control, reason: str) -> None:
+        self.control, self.reason = control, reason

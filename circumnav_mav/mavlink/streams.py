@@ -1,0 +1,40 @@
+"""What the app asks an autopilot to send, and what it turns off. Settings are per link and lost at a reboot."""
+
+from __future__ import annotations
+
+WANTED_HZ: dict[str, float] = {
+    # It follows the mode: 2 Hz and at once on every change, where HEARTBEAT comes at 1 Hz only.
+    "CURRENT_MODE": 10.0,
+    "ATTITUDE": 50.0,
+    "LOCAL_POSITION_NED": 10.0,
+    "GLOBAL_POSITION_INT": 5.0,
+    "EXTENDED_SYS_STATE": 2.0,
+    "SYS_STATUS": 1.0,
+}
+"""Messages the app lives on, by rate. A vehicle class adds its own."""
+
+UNWANTED: tuple[str, ...] = (
+    "ODOMETRY",
+    "HIGHRES_IMU",
+    "ATTITUDE_QUATERNION",
+    "ALTITUDE",
+    "VFR_HUD",
+    "ATTITUDE_TARGET",
+    "POSITION_TARGET_LOCAL_NED",
+    "SERVO_OUTPUT_RAW",
+    "GPS_RAW_INT",
+    "ESTIMATOR_STATUS",
+    "OPEN_DRONE_ID_LOCATION",
+    "OPEN_DRONE_ID_SYSTEM",
+    "SCALED_PRESSURE",
+    "VIBRATION",
+    "NAV_CONTROLLER_OUTPUT",
+    "MISSION_CURRENT",
+    "PING",
+)
+"""Default streams of PX4's onboard link that nothing here reads: three quarters of its 24 kB/s."""
+
+
+def interval_us(rate_hz: float) -> float:
+    """Return param2 of MAV_CMD_SET_MESSAGE_INTERVAL; a rate of 0 turns the message off."""
+    return 1e6 / rate_hz if rate_hz > 0 else -1.0

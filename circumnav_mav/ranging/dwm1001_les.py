@@ -1,0 +1,38 @@
+"""Qorvo (Decawave) DWM1001 with PANS: the lines of its shell command `les`, one anchor a word: ID[x,y,z]=metres.
+
+Example and format: PANS documentation, shell API, `les`. The module starts in binary mode: two carriage returns within
+a second open the shell, then `les` starts the lines (`les` again stops them). An anchor's hexadecimal id is the
+beacon_id.
+"""
+
+from __future__ import annotations
+
+import re
+
+from circumnav_mav.ranging.framing import LineDecoder, not_understood
+from circumnav_mav.ranging.plug import ByteSource, Reading
+from circumnav_mav.types import Rejected
+
+ANCHOR = re.compile(r"([0-9A-Fa-f]{4})\[[-0-9.,]*\]=(\d{1,4}\.\d\d)")
+NO_RANGE = re.compile(r"le_us=\d+|est\[[-0-9.,]*\]|dwm>|les")
+
+
+def parse(line: str, now_s: float) -> list[Reading | Rejected]:
+    """Each word stands for itself: one that was damaged on the way does not cost the others."""
+    found: list[Reading | Rejected] = []
+    for word in line.split():
+        anchor = ANCHOR.fullmatch(word)
+        if anchor:
+            found.append(Reading(range_m=float(anchor[2]), beacon_id=int(anchor[1], 16)))
+        elif not NO_RANGE.fullmatch(word):
+            found.append(not_understood(word, now_s))
+    return found
+
+
+SOURCE = ByteSource(
+    name="dwm1001_les",
+    summary="DWM1001 (PANS shell, command les): centimetres, several anchors by hexadecimal id",
+    decoder=lambda options: LineDecoder(parse),
+    resolution_m=0.01,
+    start=((0.0, b"\r\r"), (1.0, b"les\r")),
+)

@@ -1,0 +1,107 @@
+"""The gate at sample level: what no ranging device may say, whatever the vehicle does. Pure.
+
+It judges one channel (one beacon of one sensor). Whether a range fits the vehicle's motion, the estimators say.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from circumnav_mav.ranging.plug import NAN, Reading, Reason
+from circumnav_mav.types import RangeSample, Rejected
+
+STUCK_LEAST_REPEATS = 5
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """min_m, max_m, min_quality_pct: NaN = no limit; stuck_s: 0 = never judged."""
+
+    max_age_s: float = 1.0
+    min_m: float = NAN
+    max_m: float = NAN
+    min_quality_pct: float = NAN
+    stuck_s: float = 0.0
+
+
+class Gate:
+    """`judge` returns None for a sample to fly on, else why not."""
+
+    def __init__(self, limits: Limits) -> None:
+        self._limits = limits
+        self._last_s = -math.inf
+        self._last_identity: tuple[float, int | None, float] | None = None
+        self._last_sequence: int | None = None
+        self._same_m = NAN
+        self._same_since_s = NAN
+        self._same_count = 0
+
+    def judge(self, reading: Reading, sample: RangeSample, now_s: float, *, moving: bool = True) -> Rejected | None:
+        """Judge `sample`, made of `reading` and arrived at `now_s` [s]; `moving`: the vehicle may be taken to move."""
+        return (
+            self._judge_value(reading, sample, now_s)
+            or self._judge_time(reading, sample, now_s)
+            or self._judge_stuck(reading, now_s, moving)
+        )
+
+    def _judge_value(self, reading: Reading, sample: RangeSample, now_s: float) -> Rejected | None:
+        r_m, limits = sample.range_m, self._limits
+        if not math.isfinite(r_m) or math.isinf(sample.range_rate_m_s):
+            return Rejected(now_s, Reason.NOT_FINITE, f"range {r_m} m, rate {sample.range_rate_m_s} m/s")
+        if reading.quality_pct <= 0.0:
+            return Rejected(now_s, Reason.INVALID_QUALITY, "the sensor calls this range invalid")
+        if reading.quality_pct < limits.min_quality_pct:
+            return Rejected(
+                now_s,
+                Reason.INVALID_QUALITY,
+                f"quality {reading.quality_pct:.0f} % is below min_quality_pct {limits.min_quality_pct:.0f} %",
+            )
+        if reading.range_m < reading.least_m or reading.range_m > reading.most_m:
+            return Rejected(
+                now_s,
+                Reason.OUT_OF_RANGE,
+                f"{reading.range_m:.2f} m is outside the sensor's own {reading.least_m:.2f} to {reading.most_m:.2f} m",
+            )
+        if r_m <= 0.0 or r_m < limits.min_m or r_m > limits.max_m:
+            return Rejected(now_s, Reason.OUT_OF_RANGE, f"{r_m:.2f} m is outside the configured limits or not positive")
+        return None
+
+    def _judge_time(self, reading: Reading, sample: RangeSample, now_s: float) -> Rejected | None:
+        age_s = now_s - sample.t_s
+        if not age_s <= self._limits.max_age_s:
+            return Rejected(
+                now_s, Reason.STALE, f"{age_s:.2f} s old on arrival, max_age_s is {self._limits.max_age_s:g}"
+            )
+        if sample.t_s < self._last_s:
+            return Rejected(
+                now_s, Reason.TIME_BACKWARDS, f"{self._last_s - sample.t_s:.3f} s before the sample before it"
+            )
+        last_sequence, self._last_sequence = self._last_sequence, reading.sequence
+        identity = _identity(reading)
+        if identity is not None and identity == self._last_identity:
+            return Rejected(now_s, Reason.DUPLICATE, "the same stamp, sequence and range as the sample before it")
+        if reading.sequence is not None and last_sequence is not None:
+            behind = (last_sequence - reading.sequence) % 256
+            if 0 < behind < 128:
+                return Rejected(now_s, Reason.TIME_BACKWARDS, f"{behind} behind the newest sequence number")
+        self._last_identity = identity
+        self._last_s = sample.t_s
+        return None
+
+    def _judge_stuck(self, reading: Reading, now_s: float, moving: bool) -> Rejected | None:
+        if reading.range_m != self._same_m or not moving:
+            self._same_m, self._same_since_s, self._same_count = reading.range_m, now_s, 0
+            return None
+        self._same_count += 1
+        same_for_s = now_s - self._same_since_s
+        if 0.0 < self._limits.stuck_s < same_for_s and self._same_count >= STUCK_LEAST_REPEATS:
+            return Rejected(now_s, Reason.STUCK, f"{reading.range_m:.3f} m, unchanged for {same_for_s:.1f} s")
+        return None
+
+
+def _identity(reading: Reading) -> tuple[float, int | None, float] | None:
+    """What makes two readings one measurement; None where the device gives nothing to tell by."""
+    if math.isnan(reading.stamp_s):
+        return None if reading.sequence is None else (0.0, reading.sequence, reading.range_m)
+    return (reading.stamp_s, reading.sequence, reading.range_m)

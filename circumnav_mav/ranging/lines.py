@@ -1,0 +1,142 @@
+"""Any device that speaks in lines: say where the range stands, by a regular expression or JSON paths, and its units.
+
+    {source: lines, pattern: 'D=(?P<range>[0-9.]+)', range_unit: cm}
+    {source: lines, json: {range: data.0.dist, rate: data.0.v, beacon_id: tag}, range_unit: mm, rate_unit: cm/s}
+
+Fields: range, rate (+ opening), sigma (in range_unit), time, beacon_id, quality (percent).
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from circumnav_mav.ranging.framing import LineDecoder, not_understood
+from circumnav_mav.ranging.plug import NAN, ByteDecoder, ByteSource, Reading, finite, number
+from circumnav_mav.ranging.units import LENGTH, SPEED, TIME
+from circumnav_mav.types import Rejected
+
+FIELDS = ("range", "rate", "sigma", "time", "beacon_id", "quality")
+
+Extract = Callable[[str], Mapping[str, Any] | None]
+
+
+def decoder(options: Mapping[str, Any]) -> ByteDecoder:
+    extract = _extractor(options)
+    ignore = _regex(options, "ignore") if "ignore" in options else None
+    range_si = _unit(options, "range_unit", LENGTH, "m")
+    rate_si = _unit(options, "rate_unit", SPEED, "m/s")
+    time_si = _unit(options, "time_unit", TIME, "s")
+    base = int(number(options, "id_base", 10, least=2))
+    if base > 36:
+        raise ValueError("ranging.id_base must be at most 36")
+
+    def parse(line: str, now_s: float) -> list[Reading | Rejected]:
+        if ignore is not None and ignore.search(line):
+            return []
+        fields = extract(line)
+        if fields is None or fields.get("range") is None:
+            return [not_understood(line, now_s)]
+
+        def si(name: str, factor: float) -> float:
+            value = fields.get(name)
+            return NAN if value is None else finite(value) * factor
+
+        beacon_id = fields.get("beacon_id")
+        try:
+            return [
+                Reading(
+                    range_m=si("range", range_si),
+                    range_rate_m_s=si("rate", rate_si),
+                    sigma_m=si("sigma", range_si),
+                    beacon_id=None if beacon_id is None else int(str(beacon_id), base),
+                    quality_pct=si("quality", 1.0),
+                    stamp_s=si("time", time_si),
+                )
+            ]
+        except ValueError:
+            return [not_understood(line, now_s)]
+
+    return LineDecoder(parse)
+
+
+def _extractor(options: Mapping[str, Any]) -> Extract:
+    if ("pattern" in options) == ("json" in options):
+        raise ValueError("ranging: the source lines needs either a pattern or json, and not both")
+    if "pattern" in options:
+        pattern = _regex(options, "pattern")
+        _check_fields("pattern", pattern.groupindex)
+
+        def by_pattern(line: str) -> Mapping[str, Any] | None:
+            match = pattern.search(line)
+            return match.groupdict() if match else None
+
+        return by_pattern
+
+    paths = options["json"]
+    if not isinstance(paths, Mapping) or not all(isinstance(path, str) and path for path in paths.values()):
+        raise ValueError("ranging.json must map fields to paths, such as {range: data.0.distance}")
+    _check_fields("json", paths)
+    steps = {name: path.split(".") for name, path in paths.items()}
+
+    def by_path(line: str) -> Mapping[str, Any] | None:
+        try:
+            document = json.loads(line)
+        except (ValueError, RecursionError):
+            return None
+        return {name: _walk(document, path) for name, path in steps.items()}
+
+    return by_path
+
+
+def _walk(document: Any, path: list[str]) -> Any:
+    for step in path:
+        if isinstance(document, dict):
+            document = document.get(step)
+        elif isinstance(document, list) and step.isdecimal() and int(step) < len(document):
+            document = document[int(step)]
+        else:
+            return None
+    return document
+
+
+def _check_fields(key: str, names: Mapping[str, Any]) -> None:
+    unknown = sorted(set(names) - set(FIELDS))
+    if unknown:
+        raise ValueError(f"ranging.{key} names {', '.join(unknown)}; the fields are {', '.join(FIELDS)}")
+    if "range" not in names:
+        raise ValueError(f"ranging.{key} does not say where the range is: name a field `range`")
+
+
+def _regex(options: Mapping[str, Any], key: str) -> re.Pattern[str]:
+    try:
+        return re.compile(str(options[key]))
+    except re.error as error:
+        raise ValueError(f"ranging.{key} is no regular expression: {error}") from error
+
+
+def _unit(options: Mapping[str, Any], key: str, units: Mapping[str, float], default: str) -> float:
+    unit = options.get(key, default)
+    if not isinstance(unit, str) or unit not in units:
+        raise ValueError(f"ranging.{key} is {unit!r}, but must be one of {', '.join(units)}")
+    return units[unit]
+
+
+SOURCE = ByteSource(
+    name="lines",
+    summary="any device that sends lines: by a regular expression or JSON paths, with units",
+    decoder=decoder,
+    resolution_m=0.01,
+    has_rate=True,
+    options={
+        "pattern": "regular expression with named groups: range, and if present rate, sigma, time, beacon_id, quality",
+        "json": "the same fields as paths into one JSON object a line, such as {range: data.0.distance}",
+        "range_unit": f"unit of range and sigma: {', '.join(LENGTH)}",
+        "rate_unit": f"unit of rate: {', '.join(SPEED)}",
+        "time_unit": f"unit of time: {', '.join(TIME)}",
+        "id_base": "number base of beacon_id, 10 unless given",
+        "ignore": "regular expression of lines to pass over in silence",
+    },
+)

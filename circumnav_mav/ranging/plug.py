@@ -1,0 +1,140 @@
+"""What a ranging source is made of: a device's Reading, the settings of the `ranging:` section, and the two plugs.
+
+A source is one file that knows one device and nothing else: it turns a decoded MAVLink message or bytes into Readings.
+What every source has in common (whose range it is, bias, limits, time) is done once, in receiver.py.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import Any, Protocol, TypeAlias
+
+from circumnav_mav.types import Rejected
+
+NAN = math.nan
+
+
+class Reason(StrEnum):
+    """Why a range is not flown on; the word that is counted, logged and shown."""
+
+    BAD_FRAME = "bad_frame"  # bytes or a line that break the device's own format or checksum
+    NO_READING = "no_reading"  # the device says that it has no range
+    WRONG_SOURCE = "wrong_source"  # another component, or the autopilot itself
+    WRONG_SENSOR = "wrong_sensor"  # another sensor_id of the right component
+    WRONG_BEACON = "wrong_beacon"  # another beacon in the same stream
+    DECOY_ORIENTATION = "decoy_orientation"  # looks elsewhere: a downward range finder, or not the configured one
+    INVALID_QUALITY = "invalid_quality"  # the device calls it invalid, or its quality is below the least
+    NOT_FINITE = "not_finite"
+    OUT_OF_RANGE = "out_of_range"  # outside the device's own limits or the configured ones
+    STALE = "stale"  # older than max_age_s when it arrived
+    TIME_BACKWARDS = "time_backwards"  # older than the sample before it
+    DUPLICATE = "duplicate"  # the same measurement again
+    STUCK = "stuck"  # the same value for longer than a moving vehicle allows
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """What one device said at one moment, in SI units and before any judgement. NaN or None: it has no such thing.
+
+    range_m [m]; range_rate_m_s [m/s, + opening]; sigma_m [m, one standard deviation]; orientation:
+    MAV_SENSOR_ORIENTATION; quality_pct: 0 invalid to 100 perfect; least_m, most_m [m]: the device's own limits;
+    stamp_s: the device's clock [s, any origin]; sequence: its 8-bit counter.
+    """
+
+    range_m: float
+    range_rate_m_s: float = NAN
+    sigma_m: float = NAN
+    beacon_id: int | None = None
+    sensor_id: int | None = None
+    orientation: int | None = None
+    quality_pct: float = NAN
+    least_m: float = NAN
+    most_m: float = NAN
+    stamp_s: float = NAN
+    sequence: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Settings:
+    """The `ranging:` section as the decoders and the receiver need it; None or NaN: not given.
+
+    from_: (system, component) of the sender, None = any component but an autopilot; orientation: None = any but down.
+    latency_s: fixed delay from the measurement to its arrival [s]. use_stamps: take out link delay by the device's own
+    timestamps. stuck_s: None = what suits the source, 0 = never. options: keys that one source alone understands.
+    """
+
+    from_: tuple[int, int] | None = None
+    sensor_id: int | None = None
+    beacon_id: int | None = None
+    orientation: int | None = None
+    bias_m: float = 0.0
+    min_m: float = NAN
+    max_m: float = NAN
+    min_quality_pct: float = NAN
+    max_age_s: float = 1.0
+    latency_s: float = 0.0
+    use_stamps: bool = True
+    stuck_s: float | None = None
+    options: Mapping[str, Any] = field(default_factory=dict)
+
+
+class ByteDecoder(Protocol):
+    """Turns one device's byte stream into Readings: any bytes, in any pieces, never an exception, bounded memory."""
+
+    def feed(self, data: bytes, now_s: float) -> list[Reading | Rejected]: ...
+
+
+@dataclass(frozen=True, slots=True)
+class MessageSource:
+    """Ranges that come as MAVLink messages: the ids to subscribe to, and how one decoded message is read."""
+
+    name: str
+    summary: str
+    message_ids: tuple[int, ...]
+    read: Callable[[Any, float], Reading | Rejected]  # (object with the message's fields, now_s)
+    resolution_m: float  # least step of the range
+    has_rate: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class ByteSource:
+    """Ranges that come as bytes over a serial line, UDP or a file; `decoder` raises ValueError, in words."""
+
+    name: str
+    summary: str
+    decoder: Callable[[Mapping[str, Any]], ByteDecoder]  # options of the `ranging:` section -> a fresh decoder
+    resolution_m: float
+    baud: int = 115_200
+    has_rate: bool = False
+    options: Mapping[str, str] = field(default_factory=dict)  # every key it understands, with what it means
+    start: tuple[tuple[float, bytes], ...] = ()  # (wait s, send) steps that make a silent device talk
+
+
+Source: TypeAlias = MessageSource | ByteSource
+
+
+def number(options: Mapping[str, Any], key: str, default: float, least: float = -math.inf) -> float:
+    """Return the option `key` as a finite number of at least `least`. Raises ValueError, in words."""
+    if key not in options:
+        return default
+    value = options[key]
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value) or value < least:
+        wanted = "a number" if least == -math.inf else f"a number of at least {least:g}"
+        raise ValueError(f"ranging.{key} is {value!r}, but must be {wanted}")
+    return float(value)
+
+
+def finite(value: Any) -> float:
+    """Return a device's number, which may come as text. Raises ValueError for what is none or not finite."""
+    if isinstance(value, bool) or not isinstance(value, int | float | str):
+        raise ValueError(f"{value!r} is not a number")
+    try:
+        result = float(value)
+    except OverflowError as error:
+        raise ValueError("too great a number") from error
+    if not math.isfinite(result):
+        raise ValueError(f"{value!r} is not finite")
+    return result

@@ -1,0 +1,161 @@
+"""From what a device says to a range that may be flown on: what every source has in common, done once.
+
+    Reading -> whose is it (sender, orientation, sensor, beacon) -> when was it (stamps, latency) -> bias -> gate
+
+One receiver flies on one channel: where the configuration leaves the sender, sensor or beacon open, the first that is
+accepted is kept and any other is rejected, because two beacons mixed into one circle are worse than none.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from difflib import get_close_matches
+from typing import Any
+
+from circumnav_mav.ranging.counts import Counts
+from circumnav_mav.ranging.gate import Gate, Limits
+from circumnav_mav.ranging.plug import NAN, ByteSource, MessageSource, Reading, Reason, Settings, Source
+from circumnav_mav.ranging.stamps import StampClock
+from circumnav_mav.types import RangeSample, Rejected
+
+DOWN = 25
+"""MAV_SENSOR_ROTATION_PITCH_270: a range finder that looks at the ground, never a beacon."""
+
+AUTOPILOT_COMPONENT = 1
+STUCK_S = 3.0
+FINE_RESOLUTION_M = 0.002
+"""At or below this step, noise alone changes the range of any radio; a coarser one may honestly stand still."""
+
+
+class _Receiver:
+    def __init__(self, source: Source, settings: Settings) -> None:
+        self.counts = Counts()
+        self.moving = True
+        """Set False while the vehicle is known to stand still: a value that does not change is then no fault."""
+        self._settings = settings
+        stuck_s = settings.stuck_s
+        if stuck_s is None:
+            stuck_s = STUCK_S if source.resolution_m <= FINE_RESOLUTION_M else 0.0
+        self._limits = Limits(settings.max_age_s, settings.min_m, settings.max_m, settings.min_quality_pct, stuck_s)
+        self._gate = Gate(self._limits)
+        self._clock = StampClock()
+        self._channel: tuple[tuple[int, int] | None, int | None, int | None] | None = None
+
+    def _finish(
+        self, sender: tuple[int, int] | None, reading: Reading | Rejected, now_s: float
+    ) -> RangeSample | Rejected:
+        result = reading if isinstance(reading, Rejected) else self._judge(sender, reading, now_s)
+        self.counts.add(result)
+        return result
+
+    def _judge(self, sender: tuple[int, int] | None, reading: Reading, now_s: float) -> RangeSample | Rejected:
+        mismatch = self._match(reading, now_s) or self._match_channel(sender, reading, now_s)
+        if mismatch is not None:
+            return mismatch
+        if self._channel is None:  # what other channels said before must not colour the first of ours
+            self._gate, self._clock = Gate(self._limits), StampClock()
+        sample = RangeSample(
+            t_s=self._measured_at(reading, now_s),
+            range_m=reading.range_m - self._settings.bias_m,
+            range_rate_m_s=reading.range_rate_m_s,
+            sigma_m=reading.sigma_m if math.isfinite(reading.sigma_m) and reading.sigma_m > 0.0 else NAN,
+            beacon_id=reading.beacon_id,
+        )
+        rejected = self._gate.judge(reading, sample, now_s, moving=self.moving)
+        if rejected is not None:
+            return rejected
+        self._channel = (sender, reading.sensor_id, reading.beacon_id)
+        return sample
+
+    def _match(self, reading: Reading, now_s: float) -> Rejected | None:
+        want = self._settings
+        if want.orientation is None and reading.orientation == DOWN:
+            return Rejected(now_s, Reason.DECOY_ORIENTATION, "orientation 25 looks down: a height, not a beacon")
+        if want.orientation is not None and reading.orientation not in (None, want.orientation):
+            detail = f"orientation {reading.orientation}, ranging.orientation is {want.orientation}"
+            return Rejected(now_s, Reason.DECOY_ORIENTATION, detail)
+        if want.sensor_id is not None and reading.sensor_id not in (None, want.sensor_id):
+            return Rejected(
+                now_s, Reason.WRONG_SENSOR, f"sensor {reading.sensor_id}, ranging.sensor_id is {want.sensor_id}"
+            )
+        if want.beacon_id is not None and reading.beacon_id not in (None, want.beacon_id):
+            return Rejected(
+                now_s, Reason.WRONG_BEACON, f"beacon {reading.beacon_id}, ranging.beacon_id is {want.beacon_id}"
+            )
+        return None
+
+    def _match_channel(self, sender: tuple[int, int] | None, reading: Reading, now_s: float) -> Rejected | None:
+        """Reject whatever is not the channel that was first accepted."""
+        if self._channel is None:
+            return None
+        first_sender, first_sensor, first_beacon = self._channel
+        if sender != first_sender:
+            detail = f"{sender} beside {first_sender}, which is flown on: set ranging.from to choose"
+            return Rejected(now_s, Reason.WRONG_SOURCE, detail)
+        if reading.sensor_id != first_sensor:
+            detail = (
+                f"sensor {reading.sensor_id} beside {first_sensor}, which is flown on: set ranging.sensor_id to choose"
+            )
+            return Rejected(now_s, Reason.WRONG_SENSOR, detail)
+        if reading.beacon_id != first_beacon:
+            detail = (
+                f"beacon {reading.beacon_id} beside {first_beacon}, which is flown on: set ranging.beacon_id to choose"
+            )
+            return Rejected(now_s, Reason.WRONG_BEACON, detail)
+        return None
+
+    def _measured_at(self, reading: Reading, now_s: float) -> float:
+        if self._settings.use_stamps and math.isfinite(reading.stamp_s):
+            return self._clock.to_ours(reading.stamp_s, now_s) - self._settings.latency_s
+        return now_s - self._settings.latency_s
+
+
+class MessageReceiver(_Receiver):
+    """Ranges from decoded MAVLink messages. Tell it the autopilot as soon as that is known."""
+
+    def __init__(self, source: MessageSource, settings: Settings) -> None:
+        super().__init__(source, settings)
+        self.message_ids = frozenset(source.message_ids)
+        self.autopilot: tuple[int, int] | None = None
+        self._from = None if settings.from_ is None else tuple(settings.from_)  # a list out of a file will do
+        self._read = source.read
+
+    def on_message(self, system: int, component: int, fields: Any, now_s: float) -> RangeSample | Rejected:
+        """Judge one message of `message_ids` from (system, component) that arrived at `now_s` [s, monotonic]."""
+        sender = (system, component)
+        reading = self._match_sender(sender, now_s) or self._read(fields, now_s)
+        return self._finish(sender, reading, now_s)
+
+    def _match_sender(self, sender: tuple[int, int], now_s: float) -> Rejected | None:
+        want = self._from
+        if sender == self.autopilot or (want is None and sender[1] == AUTOPILOT_COMPONENT):
+            # An autopilot streams its own range finder, and echoes ours late, rounded and under another id (PX4.md 7).
+            return Rejected(now_s, Reason.WRONG_SOURCE, f"{sender} is an autopilot: its own range finder or an echo")
+        if want is not None and sender != want:
+            return Rejected(now_s, Reason.WRONG_SOURCE, f"{sender}, ranging.from is {want}")
+        return None
+
+
+class ByteReceiver(_Receiver):
+    """Ranges from a device's byte stream."""
+
+    def __init__(self, source: ByteSource, settings: Settings) -> None:
+        super().__init__(source, settings)
+        self._decoder = source.decoder(settings.options)
+
+    def feed(self, data: bytes, now_s: float) -> list[RangeSample | Rejected]:
+        """Take bytes that arrived at `now_s` [s, monotonic], in any pieces; return what they complete, oldest first."""
+        return [self._finish(None, reading, now_s) for reading in self._decoder.feed(data, now_s)]
+
+
+def check_options(source: Source, given: Iterable[str]) -> None:
+    """Raise ValueError that names every option the source does not know, with the nearest that it knows."""
+    known = list(source.options) if isinstance(source, ByteSource) else []
+    faults = []
+    for key in given:
+        if key not in known:
+            near = get_close_matches(key, known, n=1)
+            faults.append(f"ranging.{key} is unknown to {source.name}" + (f": did you mean {near[0]}?" if near else ""))
+    if faults:
+        raise ValueError("; ".join(faults))

@@ -1,0 +1,255 @@
+"""The app: one event loop, one task that computes and sends. Whatever goes wrong in it, setpoints stop."""
+
+from __future__ import annotations
+
+import asyncio
+import signal
+from dataclasses import dataclass, field
+from functools import partial
+from math import inf, nan
+from typing import Any
+
+from circumnav_mav.config import Config
+from circumnav_mav.endpoint import parse
+from circumnav_mav.flight import RANGING, VEHICLE, Flight, TickRecord
+from circumnav_mav.guidance.phases import ENGAGED, Phase
+from circumnav_mav.runtime.clock import Clock, run_on_grid
+from circumnav_mav.runtime.realtime import settle
+from circumnav_mav.runtime.recorder import Recorder
+from circumnav_mav.runtime.transport import UdpLink
+from circumnav_mav.runtime.view import REFRESH_HZ, View
+
+END_WITHIN_S = 8.0
+"""A polite end that has not come by then is cut short: three requests a second apart, and some."""
+
+
+@dataclass(slots=True)
+class Options:
+    """How one run ends and what it waits for, in flight seconds."""
+
+    duration_s: float = inf
+    wait_s: float = inf  # give up when the autopilot or the range has not been heard by then
+    end_on_release: bool = False  # nobody is there to engage again (demo)
+    end_after_orbiting_s: float = inf
+
+
+@dataclass(slots=True)
+class Result:
+    """How a run ended. outcome: completed, released, range_lost, refused, no_autopilot, no_range, stopped."""
+
+    outcome: str
+    text: str
+    phase: str
+    engaged_s: float
+    duration_s: float
+    ticks: int = 0
+    missed_ticks: int = 0
+    rejected: dict[str, int] = field(default_factory=dict)
+    scheduling: str = ""
+    record_problem: str = ""
+
+
+class App:
+    """Runs one flight over sockets."""
+
+    def __init__(self, config: Config, clock: Clock, recorder: Recorder, view: View, options: Options) -> None:
+        self._config, self._clock, self._recorder, self._view = config, clock, recorder, view
+        self._options = options
+        self.flight = Flight(config)
+        self._links: dict[str, UdpLink] = {}
+        self._last_tick_s = nan
+        self._end_by_s = inf
+        self._orbiting_since_s = nan
+        self._show_next_s = 0.0
+        self._shown_events = 0
+        self._ticks = self._missed = 0
+        self._lateness_s = 0.0
+        self._verdict: tuple[str, str] | None = None
+
+    def open_links(self) -> None:
+        """Open the sockets. Raises LinkError, in words."""
+        try:
+            self._links[VEHICLE] = UdpLink(parse(self._config.vehicle.link))
+            if self._config.ranging.endpoint:
+                self._links[RANGING] = UdpLink(parse(self._config.ranging.endpoint))
+        except BaseException:
+            self.close_links()
+            raise
+
+    def close_links(self) -> None:
+        """Close the sockets: silence, at once."""
+        for link in self._links.values():
+            link.close()
+
+    @property
+    def vehicle_port(self) -> int:
+        """The local port of the vehicle's link (a configured port 0 takes any free one)."""
+        return self._links[VEHICLE].port
+
+    async def run(self) -> Result:
+        """Fly until it is over; return how it ended."""
+        loop = asyncio.get_running_loop()
+        for signum in (signal.SIGINT, signal.SIGTERM):
+            loop.add_signal_handler(signum, self._on_signal, signum)
+        scheduling = settle()
+        try:
+            for name, link in self._links.items():
+                link.start(partial(self._on_data, name))
+            await run_on_grid(self._clock, self._config.loop.rate_hz, self._tick)
+        finally:
+            self.close_links()
+        self._show_events()
+        return self._result(scheduling)
+
+    def _on_signal(self, signum: int) -> None:
+        if self.flight.end_reason:
+            self._verdict = ("stopped", "stopped at once by a second signal; setpoints ended without a mode request")
+        self.flight.end("stopped by the operator")
+
+    def _on_data(self, link: str, data: bytes) -> None:
+        frames = self.flight.receive(data, self._clock.now(), link)
+        for frame in frames:
+            self._recorder.frame(frame.raw)
+
+    def _tick(self, now_s: float, lateness_s: float, missed: int) -> bool:
+        self._ticks += 1
+        self._missed += missed
+        self._lateness_s = max(lateness_s, 0.9 * self._lateness_s)
+        half_loss_s = self.flight.link.authority.loss_timeout_s / 2
+        if now_s - self._last_tick_s > half_loss_s:
+            # Everything that waited in the sockets is older than the gap: take it in first, then ask for news.
+            for link in self._links.values():
+                link.drain()
+            now_s = self._clock.now()
+            self._send(self.flight.after_gap(now_s))
+        self._last_tick_s = now_s
+        frames, record = self.flight.tick(now_s, lateness_s, missed)
+        self._send(frames)
+        self._recorder.tick(record)
+        self._watch(now_s, record)
+        return self._verdict is None and not self.flight.done
+
+    def _send(self, frames: list[bytes]) -> None:
+        link = self._links[VEHICLE]
+        for frame in frames:
+            link.send(frame)
+            self._recorder.frame(frame)
+
+    def _watch(self, now_s: float, record: TickRecord) -> None:
+        """See to the end of the flight, and show what goes on."""
+        flight, options = self.flight, self._options
+        phase = flight.computer.phase
+        if phase is not Phase.ORBITING:
+            self._orbiting_since_s = nan
+        elif not now_s >= self._orbiting_since_s:
+            self._orbiting_since_s = now_s
+        if now_s >= options.duration_s:
+            flight.end("the duration is over")
+        if now_s - self._orbiting_since_s >= options.end_after_orbiting_s:
+            flight.end("the laps are flown")
+        if flight.end_reason and self._end_by_s == inf:
+            self._end_by_s = now_s + END_WITHIN_S
+        self._verdict = self._verdict or self._find_verdict(now_s, phase)
+        if now_s >= self._show_next_s:
+            self._show_next_s = now_s + self._clock.speed / REFRESH_HZ
+            self._show_events()
+            self._view.show(self._snapshot(now_s, record))
+
+    def _find_verdict(self, now_s: float, phase: Phase) -> tuple[str, str] | None:
+        flight, options = self.flight, self._options
+        if flight.problem:
+            return "refused", flight.problem
+        if now_s >= self._end_by_s:
+            return "stopped", "the autopilot did not confirm the end; setpoints have stopped"
+        if now_s >= options.wait_s and not flight.engaged_s < inf:
+            if phase is Phase.WAITING_AUTOPILOT:
+                return "no_autopilot", no_autopilot(self._config.vehicle.link, flight)
+            if phase is Phase.WAITING_RANGE:
+                return "no_range", no_range(flight)
+        if options.end_on_release and phase is Phase.RELEASED:
+            return "released", flight.computer.reason
+        if options.end_on_release and phase is Phase.RANGE_LOST and flight.link.authority.control == "given back":
+            return "range_lost", flight.computer.reason
+        return None
+
+    def _result(self, scheduling: str) -> Result:
+        flight = self.flight
+        phase = flight.computer.phase
+        outcome, text = self._verdict or ("completed", flight.computer.reason)
+        if self._verdict is None and not flight.engaged_s < inf:
+            outcome = "not_engaged"
+        elif self._verdict is None and flight.link.authority.control == "released":
+            outcome, text = "released", flight.link.authority.reason
+        return Result(
+            outcome=outcome,
+            text=text,
+            phase=str(phase),
+            engaged_s=flight.engaged_s,
+            duration_s=self._last_tick_s,
+            ticks=self._ticks,
+            missed_ticks=self._missed,
+            rejected=dict(flight.rejected),
+            scheduling=scheduling,
+            record_problem=self._recorder.problem,
+        )
+
+    def _show_events(self) -> None:
+        events = self.flight.events
+        for event in events[self._shown_events :]:
+            self._recorder.event(event.t_s, event.text)
+            self._view.event(event.t_s, event.text)
+        self._shown_events = len(events)
+
+    def _snapshot(self, now_s: float, record: TickRecord) -> dict[str, Any]:
+        radius_m = self._config.orbit.radius_m
+        return {
+            "t_s": now_s,
+            "phase": record.phase,
+            "reason": self.flight.computer.reason,
+            "waiting_for": self.flight.waiting_for or self._hint(now_s),
+            "r_m": record.r_m,
+            "error_m": record.r_m - radius_m if self.flight.computer.phase in ENGAGED else nan,
+            "r_dot_m_s": record.r_dot_m_s,
+            "turn_rate_rad_s": record.turn_rate_sent_rad_s,
+            "speed_m_s": record.speed_m_s,
+            "speed_source": record.speed_source,
+            "height_m": record.height_m,
+            "sample_age_s": record.sample_age_s,
+            "rejected": record.rejected,
+            "lateness_ms": self._lateness_s * 1e3,
+            "missed_ticks": self._missed,
+            "mode": record.mode,
+            "control": record.control,
+        }
+
+    def _hint(self, now_s: float) -> str:
+        """What stands in the way, for a person who waits."""
+        phase = self.flight.computer.phase
+        if phase is Phase.WAITING_AUTOPILOT and now_s > 5.0:
+            return no_autopilot(self._config.vehicle.link, self.flight)
+        if phase is Phase.WAITING_RANGE and now_s > 5.0:
+            return no_range(self.flight)
+        if phase is Phase.READY:
+            why_not = self.flight.link.authority.why_not(now_s)
+            return why_not or "select Offboard to engage"
+        return ""
+
+
+def no_autopilot(link: str, flight: Flight) -> str:
+    """Return why no autopilot is there, as far as can be told, and what to do."""
+    counts = flight.link.counts
+    if counts.frames:
+        return (
+            f"{counts.frames} MAVLink frames on {link}, but no autopilot's heartbeat (component 1): check the routing"
+        )
+    if counts.rubbish_bytes:
+        return f"bytes on {link} that are not MAVLink: check what sends to this port"
+    return f"nothing is heard on {link}: check vehicle.link, the cable and the autopilot's MAVLink port"
+
+
+def no_range(flight: Flight) -> str:
+    """Return why no range is there, as far as can be told, and what to do."""
+    if flight.rejected:
+        reason, count = flight.rejected.most_common(1)[0]
+        return f"no range can be flown on: {flight.rejected.total()} rejected, most of them {reason} ({count})"
+    return "no range message has come: check that the ranging radio runs, and the ranging section of the configuration"

@@ -1,0 +1,114 @@
+"""`circumnav demo`: the bundled vehicle stub in a process of its own, and the app, over UDP on loopback."""
+
+from __future__ import annotations
+
+import math
+import random
+import subprocess
+import sys
+from pathlib import Path
+
+from circumnav_mav.config import Config
+from circumnav_mav.runtime.app import Options
+from circumnav_mav.runtime.clock import Clock
+from circumnav_mav.runtime.session import Outcome, fly
+from circumnav_mav.runtime.transport import LinkError
+from circumnav_mav.runtime.view import open_view
+
+START_M = 200.0
+"""How far from the beacon the vehicle starts."""
+LAPS = 2.1
+"""Settled laps flown before the demo ends."""
+CLIMB_M_S = 1.0
+STUB_STOP_S = 5.0
+
+
+def demo_config(config: Config | None) -> Config:
+    """Return what the demo flies: the given configuration, or the defaults, with the link and the hands of the demo.
+
+    Nobody is there to select Offboard, so the demo engages by itself; the vehicle's link is a free port on loopback.
+    """
+    base = config or Config()
+    height_m = base.orbit.height_m or 15.0
+    target_m = base.ranging.target_height_m
+    return base.model_copy(
+        update={
+            "engage": "auto",
+            "vehicle": base.vehicle.model_copy(update={"link": "udpin://127.0.0.1:0"}),
+            "orbit": base.orbit.model_copy(update={"height_m": height_m}),
+            "ranging": base.ranging.model_copy(
+                update={"endpoint": None, "target_height_m": 0.0 if target_m is None else target_m}
+            ),
+        }
+    )
+
+
+def longest_s(config: Config) -> float:
+    """Return when a demo that never settles ends: climb, approach, and four laps."""
+    orbit = config.orbit
+    lap_s = 2 * math.pi * orbit.radius_m / orbit.speed_m_s
+    return 15.0 + (orbit.height_m or 0.0) / CLIMB_M_S + START_M / orbit.speed_m_s + 4 * lap_s
+
+
+def run_demo(config: Config, *, speed: float, seed: int, duration_s: float | None, stub_args: list[str]) -> Outcome:
+    """Fly the demo and return its outcome. Raises LinkError where the stub does not start."""
+    orbit = config.orbit
+    lap_s = 2 * math.pi * orbit.radius_m / orbit.speed_m_s
+    options = Options(
+        duration_s=longest_s(config) if duration_s is None else duration_s,
+        wait_s=30.0 * max(1.0, speed),
+        end_on_release=True,
+        end_after_orbiting_s=math.inf if duration_s is not None else LAPS * lap_s,
+    )
+    stub: list[subprocess.Popen[bytes]] = []
+    parent = Path(config.record.directory)
+    parent.mkdir(parents=True, exist_ok=True)
+    truth = parent / f".truth-{random.SystemRandom().getrandbits(32):08x}.csv"
+    bearing = random.Random(seed).uniform(0.0, 2 * math.pi)
+    beacon = f"{START_M * math.cos(bearing):.3f},{START_M * math.sin(bearing):.3f}"
+
+    def start_stub(port: int) -> None:
+        command = [sys.executable, "-m", "sitl_stub", "--offboard-port", str(port), "--offboard-listen", "0"]
+        command += [
+            "--gcs-port",
+            "0",
+            "--gcs-listen",
+            "0",
+            "--speed",
+            f"{speed:g}",
+            "--seed",
+            str(seed),
+            "--beacon=" + beacon,
+        ]
+        command += ["--sigma", f"{config.ranging.sigma_m:g}", "--truth", str(truth), *stub_args]
+        stub.append(subprocess.Popen(command, start_new_session=True, stdout=subprocess.DEVNULL))
+
+    def stop_stub() -> None:
+        for child in stub:
+            child.terminate()
+            try:
+                child.wait(STUB_STOP_S)
+            except subprocess.TimeoutExpired:
+                child.kill()
+                child.wait()
+
+    view = open_view(f"circumnav demo  {orbit.radius_m:g} m at {orbit.speed_m_s:g} m/s, {speed:g} x real time")
+    title = f"circumnav demo: {orbit.radius_m:g} m {orbit.direction} at {orbit.speed_m_s:g} m/s, seed {seed}"
+    try:
+        outcome = fly(
+            config,
+            Clock(speed),
+            view,
+            options,
+            title=title,
+            truth_file=truth,
+            on_open=start_stub,
+            before_report=stop_stub,
+        )
+    finally:
+        kept = truth.exists()
+    if kept and outcome.directory is not None:
+        truth.rename(outcome.directory / "truth.csv")
+    if stub and stub[0].returncode not in (0, None) and outcome.result.outcome == "no_autopilot":
+        raise LinkError(f"the vehicle stub did not start (exit code {stub[0].returncode})")
+    return outcome

@@ -1,0 +1,75 @@
+"""The vehicle with its autopilot on simulated time: airframe, commander and pilot, and what streams need to know."""
+
+from __future__ import annotations
+
+import math
+
+from sitl_stub.commander import Commander
+from sitl_stub.config import StubConfig
+from sitl_stub.kinematics import Multirotor
+from sitl_stub.missions import Missions
+from sitl_stub.multirotor_pilot import MultirotorPilot
+from sitl_stub.offboard import RatesTarget, Setpoint, Trajectory
+from sitl_stub.params import Parameters
+
+UNIX_START_S = 1_767_225_600  # SYSTEM_TIME at boot: simulated flights all begin on 2026-01-01
+MAV_TYPE_FIXED_WING, MAV_TYPE_QUADROTOR = 1, 2
+
+
+class Autopilot:
+    """PX4's state. North, east, up in the world; the local frame begins at the place of booting."""
+
+    def __init__(self, config: StubConfig, dt_s: float) -> None:
+        self.config = config
+        self.params = Parameters(config.airframe == "fixed_wing", config.params)
+        self.mav_type = MAV_TYPE_QUADROTOR
+        self.now_s = 0.0
+        self.boot_ms = self.boot_us = 0
+        self.origin_n, self.origin_e = config.start_north_m, config.start_east_m
+        self.home_n, self.home_e = self.origin_n, self.origin_e
+        yaw = math.pi / 2 - config.start_heading_rad
+        self.vehicle = Multirotor(dt_s, self.origin_n, self.origin_e, config.start_height_m, yaw)
+        self.vehicle.hover_thrust = float(self.params["MPC_THR_HOVER"])
+        self.commander = Commander(self.params, config.ready_after_s)
+        self.missions = Missions()
+        if config.start_height_m > 0.0:
+            self.commander.start_flying(0.0)
+            self.vehicle.set_moving(config.start_speed_m_s, config.wind_north_m_s, config.wind_east_m_s)
+        self.pilot = MultirotorPilot(self.vehicle, self.commander, self.params, config.seed, config.height_drift_m_s)
+        self._wind_n, self._wind_e = config.wind_north_m_s, config.wind_east_m_s
+
+    def step(self, now_s: float, wind_n: float, wind_e: float) -> None:
+        """Carry everything to now_s."""
+        self.now_s = now_s
+        self.boot_us = round(now_s * 1e6)
+        self.boot_ms = self.boot_us // 1000
+        self._wind_n, self._wind_e = wind_n, wind_e
+        self.commander.update(now_s, self.vehicle.h <= 0.0)
+        self.pilot.step(now_s, wind_n, wind_e)
+
+    def take_setpoint(self, setpoint: Setpoint) -> None:
+        """Fly this from now on (in OFFBOARD), and count it as stream."""
+        self.pilot.take_setpoint(setpoint)
+        needs_position = isinstance(setpoint, Trajectory) and (setpoint.has_position or setpoint.has_velocity)
+        self.commander.setpoint_received(self.now_s, needs_position)
+
+    def yaw_estimate(self) -> float:
+        """Return the yaw that the autopilot believes [rad, clockwise from north]."""
+        return self.vehicle.yaw
+
+    def airspeed(self) -> float:
+        """Return the true airspeed [m/s]."""
+        v = self.vehicle
+        return math.sqrt((v.vn - self._wind_n) ** 2 + (v.ve - self._wind_e) ** 2 + v.vu**2)
+
+    def airspeed_estimate(self) -> float:
+        """Return VFR_HUD.airspeed: a multirotor without a sensor reports 0."""
+        return 0.0
+
+    def flies_body_rates(self) -> bool:
+        """Whether OFFBOARD flies body rates (base_mode then loses its STABILIZE bit)."""
+        return isinstance(self.pilot.setpoint, RatesTarget)
+
+    def unix_us(self) -> int:
+        """Return the autopilot's idea of the time of day [us]."""
+        return UNIX_START_S * 1_000_000 + self.boot_us

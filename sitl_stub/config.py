@@ -1,0 +1,83 @@
+"""What a flight of the stub is made of: one frozen table, every field with its unit and default."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+AIRFRAMES = ("multirotor", "fixed_wing")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StubConfig:
+    """Settings of one flight. East and north are metres from the world's origin, heights are above flat ground.
+
+    Headings count counter-clockwise from east, as in Truth. The autopilot's LOCAL_POSITION_NED has its origin where
+    the vehicle boots: at (start_east_m, start_north_m) on the ground.
+    """
+
+    seed: int = 1  # every random draw of the flight comes from it
+    step_s: float = 0.01  # simulation step; 0.02 halves the cost and caps streams at 50 Hz
+    airframe: str = "multirotor"  # or "fixed_wing"
+    system_id: int = 1
+    params: Mapping[str, float] = field(default_factory=dict)  # PX4 parameters that differ from a stock SITL
+    ready_after_s: float = 1.0  # arming is refused until then (a real PX4: 6 to 8 s)
+
+    start_east_m: float = 0.0
+    start_north_m: float = 0.0
+    start_heading_rad: float = math.pi / 2  # north
+    start_height_m: float = 0.0  # above 0: starts armed and flying in Hold
+    start_speed_m_s: float = 0.0  # ground speed of an airborne start
+
+    beacon_east_m: float = 0.0
+    beacon_north_m: float = 0.0
+    beacon_height_m: float = 0.0
+    beacon_east_m_s: float = 0.0  # the beacon may move
+    beacon_north_m_s: float = 0.0
+
+    wind_east_m_s: float = 0.0  # the air moves towards east with this speed
+    wind_north_m_s: float = 0.0
+    gust_sigma_m_s: float = 0.0  # standard deviation of each horizontal component, first-order
+    gust_tau_s: float = 3.0  # correlation time of gusts
+    height_drift_m_s: float = 0.04  # wander of the climb rate around the one commanded, standard deviation
+
+    radio: bool = True  # whether the vehicle carries the ranging radio
+    range_sigma_m: float = 0.3
+    range_bias_m: float = 0.0
+    range_rate_hz: float = 10.0
+    range_latency_s: float = 0.0  # from the measurement to the message
+    range_max_m: float = 650.0  # beyond it the radio is silent
+    range_dropouts_s: tuple[tuple[float, float], ...] = ()  # (from, to): no messages
+    outlier_share: float = 0.0  # share of ranges that took a detour
+    outlier_mean_m: float = 10.0  # mean detour (exponential)
+    range_link: str = "offboard"  # "offboard", or "ranging": an endpoint of its own
+    range_sysid: int | None = None  # None: the vehicle's
+    range_compid: int = 158
+    range_sensor_id: int = 7
+    range_orientation: int = 0
+
+    def __post_init__(self) -> None:
+        faults = []
+        if self.airframe not in AIRFRAMES:
+            faults.append(f"airframe {self.airframe!r} is none of {', '.join(AIRFRAMES)}")
+        if not 1 <= self.system_id <= 255:
+            faults.append(f"system_id {self.system_id} is not within 1..255")
+        if not 0.001 <= self.step_s <= 0.02:
+            faults.append(f"step_s {self.step_s} is not within 0.001..0.02")
+        if self.range_link not in ("offboard", "ranging"):
+            faults.append(f"range_link {self.range_link!r} is neither offboard nor ranging")
+        if not 0.0 < self.range_rate_hz <= 100.0:
+            faults.append(f"range_rate_hz {self.range_rate_hz} is not within 0..100")
+        if not 0.0 <= self.outlier_share <= 1.0:
+            faults.append(f"outlier_share {self.outlier_share} is not within 0..1")
+        if self.start_height_m < 0.0:
+            faults.append(f"start_height_m {self.start_height_m} is below the ground")
+        for name in ("range_sigma_m", "range_latency_s", "gust_sigma_m_s", "height_drift_m_s", "outlier_mean_m"):
+            if not 0.0 <= getattr(self, name) < math.inf:
+                faults.append(f"{name} {getattr(self, name)} is negative or not a number")
+        for window in self.range_dropouts_s:
+            if not window[0] <= window[1]:
+                faults.append(f"dropout {window} ends before it begins")
+        if faults:
+            raise ValueError("; ".join(faults))

@@ -1,0 +1,94 @@
+"""One MAVLink link of the vehicle: its sequence numbers, its streams, whom it has heard."""
+
+from __future__ import annotations
+
+import heapq
+import random
+
+from sitl_stub import wire
+
+GCS_TIMEOUT_S = 5.0
+MAV_TYPE_GCS = 6
+MAX_DATAGRAM = 1400
+
+
+class Link:
+    """Queues frames for one peer. Stream rates are per link, as in PX4."""
+
+    def __init__(self, name: str, rates_hz: dict[int, float], seed: int) -> None:
+        self.name = name
+        self.splitter = wire.Splitter()
+        self.queue: list[bytes] = []  # frames
+        self.v1 = False
+        self.seen: dict[tuple[int, int], float] = {}  # (sysid, compid) -> last heard [s]
+        self.gcs_heard_s = -GCS_TIMEOUT_S - 1.0
+        self._seqs: dict[tuple[int, int], int] = {}
+        self._random = random.Random(f"{seed}:{name}")
+        self.intervals_s: dict[int, float] = {}
+        self._due: list[tuple[float, int]] = []
+        for msgid, rate in rates_hz.items():
+            self.set_interval(msgid, 1.0 / rate, 0.0)
+
+    def set_interval(self, msgid: int, interval_s: float, now_s: float) -> None:
+        """Send msgid every interval_s from now on; 0 or less: never."""
+        self._due = [entry for entry in self._due if entry[1] != msgid]
+        self.intervals_s.pop(msgid, None)
+        if interval_s > 0.0:
+            self.intervals_s[msgid] = interval_s
+            self._due.append((now_s + interval_s * self._random.random(), msgid))
+        heapq.heapify(self._due)
+
+    def due(self, now_s: float) -> list[int]:
+        """Return the ids whose time has come; each keeps its grid."""
+        heap = self._due
+        if not heap or heap[0][0] > now_s:
+            return []
+        ready = []
+        while heap[0][0] <= now_s:
+            at, msgid = heap[0]
+            ready.append(msgid)
+            heapq.heapreplace(heap, (at + self.intervals_s[msgid], msgid))
+        return ready
+
+    def send(self, msgid: int, payload: bytes, sysid: int, compid: int) -> None:
+        """Queue one frame of our own."""
+        source = (sysid, compid)
+        seq = self._seqs.get(source, 0)
+        self._seqs[source] = (seq + 1) & 0xFF
+        if self.v1:
+            if msgid < 256:
+                self.queue.append(wire.frame_v1(msgid, payload, seq, sysid, compid))
+            return
+        self.queue.append(wire.frame(msgid, payload, seq, sysid, compid))
+
+    def forward(self, raw: bytes) -> None:
+        """Queue somebody else's frame as it is."""
+        self.queue.append(raw)
+
+    def take(self) -> list[bytes]:
+        """Return what is queued as datagrams, several frames in one, as PX4 does."""
+        frames, self.queue = self.queue, []
+        if not frames:
+            return []
+        datagrams, size, start = [], 0, 0
+        for i, raw in enumerate(frames):
+            if size + len(raw) > MAX_DATAGRAM:
+                datagrams.append(b"".join(frames[start:i]))
+                size, start = 0, i
+            size += len(raw)
+        datagrams.append(b"".join(frames[start:]))
+        return datagrams
+
+    def heard(self, sysid: int, compid: int, now_s: float) -> None:
+        """Note a sender on this link."""
+        self.seen[(sysid, compid)] = now_s
+
+    def has_gcs(self, now_s: float) -> bool:
+        """Whether a ground station's HEARTBEAT was heard here lately: only then STATUSTEXT is sent."""
+        return now_s - self.gcs_heard_s < GCS_TIMEOUT_S
+
+    def knows(self, sysid: int, compid: int) -> bool:
+        """Whether a message for this target belongs on this link."""
+        if sysid == 0:
+            return True
+        return any(s == sysid and compid in (0, c) for s, c in self.seen)

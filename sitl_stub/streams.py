@@ -1,0 +1,261 @@
+"""What PX4 sends by itself: every stream's fields, and the default rates of each link (PX4.md, section 1).
+
+A builder takes the stub's autopilot and returns the fields in the order of the XML declaration.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from math import floor
+from typing import TYPE_CHECKING, Any
+
+from sitl_stub.kinematics import G, wrap
+from sitl_stub.modes import base_mode_of
+from sitl_stub.world import HOME_AMSL_M, lat_lon_deg
+
+if TYPE_CHECKING:
+    from sitl_stub.autopilot import Autopilot
+
+NAN = math.nan
+HEARTBEAT, CURRENT_MODE, DISTANCE_SENSOR = 0, 436, 132
+ZERO4 = (0.0, 0.0, 0.0, 0.0)
+COVARIANCE_UNKNOWN = (NAN, *([0.0] * 20))
+
+# Rates on the onboard link [Hz] as measured.
+ONBOARD_HZ: dict[int, float] = {
+    30: 99.5, 31: 49.8, 105: 49.8, 33: 49.8, 32: 29.9, 331: 29.9,
+    111: 9.95, 141: 9.95, 132: 9.95, 83: 9.95, 85: 9.95, 36: 9.95, 74: 9.95,
+    24: 8.0, 245: 5.0, 1: 5.0,
+    0: 1.0, 42: 1.0, 230: 1.0, 12901: 1.0, 12904: 1.0, 4: 1.0, 29: 1.0, 2: 1.0, 8: 1.0,
+    147: 0.5, 436: 0.5, 242: 0.5, 241: 0.5, 380: 0.5, 411: 0.3,
+}  # fmt: skip
+GCS_HZ: dict[int, float] = {
+    30: 15.0, 33: 5.0, 32: 1.0, 141: 1.0, 132: 0.5, 83: 2.0, 85: 1.5, 36: 1.0, 74: 4.0,
+    24: 1.0, 245: 1.0, 1: 1.0, 0: 1.0, 42: 0.5, 230: 0.5, 4: 0.1, 2: 1.0, 8: 1.0,
+    147: 0.5, 436: 0.5, 242: 0.5, 241: 0.1, 411: 0.3,
+}  # fmt: skip
+
+
+def attitude(a: Autopilot) -> tuple[Any, ...]:
+    v = a.vehicle
+    return a.boot_ms, v.roll, v.pitch, a.yaw_estimate(), v.roll_rate, v.pitch_rate, v.yaw_rate
+
+
+def attitude_quaternion(a: Autopilot) -> tuple[Any, ...]:
+    v = a.vehicle
+    w, x, y, z = quaternion(v.roll, v.pitch, a.yaw_estimate())
+    return a.boot_ms, w, x, y, z, v.roll_rate, v.pitch_rate, v.yaw_rate, ZERO4
+
+
+def local_position_ned(a: Autopilot) -> tuple[Any, ...]:
+    v = a.vehicle
+    return a.boot_ms, v.n - a.origin_n, v.e - a.origin_e, -v.h, v.vn, v.ve, -v.vu
+
+
+def global_position_int(a: Autopilot) -> tuple[Any, ...]:
+    v = a.vehicle
+    lat, lon = lat_lon_deg(v.n, v.e)
+    heading = _round(math.degrees(a.yaw_estimate()) * 100.0) % 36000
+    cm = _int16
+    return (
+        a.boot_ms, _round(lat * 1e7), _round(lon * 1e7), _round((v.h + HOME_AMSL_M) * 1e3), _round(v.h * 1e3),
+        cm(v.vn * 100.0), cm(v.ve * 100.0), cm(-v.vu * 100.0), heading,
+    )  # fmt: skip
+
+
+def highres_imu(a: Autopilot) -> tuple[Any, ...]:
+    v = a.vehicle
+    fields = (a.boot_us, 0.0, G * math.sin(v.roll), -G, v.roll_rate, v.pitch_rate, v.yaw_rate)
+    pressure = 955.8 - 0.1132 * v.h
+    return (*fields, 0.21, 0.0, 0.42, pressure, 0.0, v.h + HOME_AMSL_M, 15.0, 63, 0)
+
+
+def odometry(a: Autopilot) -> tuple[Any, ...]:
+    v = a.vehicle
+    place = (v.n - a.origin_n, v.e - a.origin_e, -v.h)
+    rates = (v.roll_rate, v.pitch_rate, v.yaw_rate)
+    return (
+        a.boot_us, 1, 1, *place, quaternion(v.roll, v.pitch, a.yaw_estimate()), v.vn, v.ve, -v.vu, *rates,
+        COVARIANCE_UNKNOWN, COVARIANCE_UNKNOWN, 0, 8, 0,
+    )  # fmt: skip
+
+
+def timesync(a: Autopilot) -> tuple[Any, ...]:
+    return 0, a.boot_us * 1000
+
+
+def altitude(a: Autopilot) -> tuple[Any, ...]:
+    h = a.vehicle.h
+    return a.boot_us, h + HOME_AMSL_M, h + HOME_AMSL_M, h, h, 0.0, h
+
+
+def distance_sensor_down(a: Autopilot) -> tuple[Any, ...]:
+    """The range finder that looks down: a decoy for whoever takes any DISTANCE_SENSOR for a beacon."""
+    return a.boot_ms, 0, 10000, min(_round(a.vehicle.h * 100.0), 65535), 0, 0, 25, 0, 0.0, 0.0, ZERO4, 0
+
+
+def attitude_target(a: Autopilot) -> tuple[Any, ...]:
+    v = a.vehicle
+    return a.boot_ms, 0, quaternion(v.roll, v.pitch, v.yaw), v.roll_rate, v.pitch_rate, v.yaw_rate, _thrust(v.thrust)
+
+
+def position_target_local_ned(a: Autopilot) -> tuple[Any, ...]:
+    v = a.vehicle
+    place = (v.n - a.origin_n, v.e - a.origin_e, -v.h)
+    return a.boot_ms, 1, 0, *place, v.vn, v.ve, -v.vu, 0.0, 0.0, 0.0, v.yaw, v.yaw_rate
+
+
+def servo_output_raw(a: Autopilot) -> tuple[Any, ...]:
+    output = 1000 + _round(1000.0 * min(max(_thrust(a.vehicle.thrust), 0.0), 1.0)) if a.commander.armed else 900
+    return (a.boot_us & 0xFFFFFFFF, 0, *([output] * 4), *([900] * 12))
+
+
+def vfr_hud(a: Autopilot) -> tuple[Any, ...]:
+    v = a.vehicle
+    throttle = max(0, min(65535, _round(100.0 * _thrust(v.thrust))))
+    heading = _round(math.degrees(a.yaw_estimate())) % 360
+    return a.airspeed_estimate(), math.hypot(v.vn, v.ve), heading, throttle, v.h + HOME_AMSL_M, v.vu
+
+
+def gps_raw_int(a: Autopilot) -> tuple[Any, ...]:
+    v = a.vehicle
+    lat, lon = lat_lon_deg(v.n, v.e)
+    alt = _round((v.h + HOME_AMSL_M) * 1e3)
+    course = _round(math.degrees(math.atan2(v.ve, v.vn)) * 100.0) % 36000
+    fix = 3 if a.commander.position_ok else 0
+    speed = _round(math.hypot(v.vn, v.ve) * 100.0)
+    return (
+        a.boot_us, fix, _round(lat * 1e7), _round(lon * 1e7), alt, 70, 110, speed, course, 10 if fix else 0,
+        alt, 900, 1780, 400, 0, 0,
+    )  # fmt: skip
+
+
+def extended_sys_state(a: Autopilot) -> tuple[Any, ...]:
+    return 0, 1 if a.commander.landed else 2
+
+
+def sys_status(a: Autopilot) -> tuple[Any, ...]:
+    # gyro, accelerometer, magnetometer, pressure, GPS, attitude and yaw control, battery, AHRS, pre-arm check
+    sensors = 0x1 | 0x2 | 0x4 | 0x8 | 0x20 | 0x800 | 0x1000 | 0x200000 | 0x2000000 | 0x10000000
+    healthy = sensors if a.commander.position_ok else sensors & ~0x20
+    if a.boot_us < a.commander.ready_s * 1e6:
+        healthy &= ~0x10000000
+    return sensors, sensors, healthy, 96, 16193, -100, 100, 0, 0, 0, 0, 0, 0, 0, 0, 0
+
+
+def heartbeat(a: Autopilot) -> tuple[Any, ...]:
+    c = a.commander
+    return a.mav_type, 12, base_mode_of(c.mode, c.armed, a.flies_body_rates()), int(c.mode), c.system_status, 3
+
+
+def mission_current(a: Autopilot) -> tuple[Any, ...]:
+    return 0, a.missions.total(), 0, 0
+
+
+def estimator_status(a: Autopilot) -> tuple[Any, ...]:
+    flags = 895 if a.commander.position_ok else 0b10100111
+    return a.boot_us, flags, 0.2, 0.04, 0.02, 0.09, 0.002, NAN, 0.29, 0.29
+
+
+def open_drone_id_location(a: Autopilot) -> tuple[Any, ...]:
+    v = a.vehicle
+    lat, lon = lat_lon_deg(v.n, v.e)
+    course = _round(math.degrees(math.atan2(v.ve, v.vn)) * 100.0) % 36000
+    speed = min(_round(math.hypot(v.vn, v.ve) * 100.0), 25425)
+    return (
+        0, 0, bytes(20), 1 if a.commander.landed else 2, course, speed, _int16(v.vu * 100.0), _round(lat * 1e7),
+        _round(lon * 1e7), v.h + HOME_AMSL_M, v.h + HOME_AMSL_M, 0, v.h, 12, 5, 5, 3, (a.boot_us / 1e6) % 3600.0, 1,
+    )  # fmt: skip
+
+
+def open_drone_id_system(a: Autopilot) -> tuple[Any, ...]:
+    lat, lon = lat_lon_deg(a.origin_n, a.origin_e)
+    place = (_round(lat * 1e7), _round(lon * 1e7))
+    return 0, 0, bytes(20), 0, 0, *place, 1, 0, -1000.0, -1000.0, 0, 0, HOME_AMSL_M, a.boot_us // 1_000_000
+
+
+def ping(a: Autopilot) -> tuple[Any, ...]:
+    return a.boot_us, (a.boot_us // 1_000_000) & 0xFFFFFFFF, 0, 0
+
+
+def scaled_pressure(a: Autopilot) -> tuple[Any, ...]:
+    return a.boot_ms, 955.8 - 0.1132 * a.vehicle.h, 0.0, 1500, 0
+
+
+def system_time(a: Autopilot) -> tuple[Any, ...]:
+    return a.unix_us(), a.boot_ms
+
+
+def link_node_status(a: Autopilot) -> tuple[Any, ...]:
+    return a.boot_us // 1000, 0, 24200, 0, 0, 0, 0, 0, 0, 0, 0
+
+
+def battery_status(a: Autopilot) -> tuple[Any, ...]:
+    cells = (15300, *([65535] * 9))
+    return 0, 1, 1, 32767, cells, -100, 0, -1, 100, 0, 1, (0, 0, 0, 0), 0, 0
+
+
+def current_mode(a: Autopilot) -> tuple[Any, ...]:
+    return 0, int(a.commander.mode), int(a.commander.intention)
+
+
+def home_position(a: Autopilot) -> tuple[Any, ...]:
+    lat, lon = lat_lon_deg(a.home_n, a.home_e)
+    place = (a.home_n - a.origin_n, a.home_e - a.origin_e, 0.0)
+    fields = (_round(lat * 1e7), _round(lon * 1e7), _round(HOME_AMSL_M * 1e3), *place)
+    return (*fields, (1.0, 0.0, 0.0, 0.0), 0.0, 0.0, 0.0, a.boot_us)
+
+
+def vibration(a: Autopilot) -> tuple[Any, ...]:
+    return a.boot_us, 0.0, 0.1, 1.4, 0, 0, 0
+
+
+def time_estimate_to_target(a: Autopilot) -> tuple[Any, ...]:
+    return -1, -1, -1, -1, -1
+
+
+def current_event_sequence(a: Autopilot) -> tuple[Any, ...]:
+    return 0, 0
+
+
+def nav_controller_output(a: Autopilot) -> tuple[Any, ...]:
+    v = a.vehicle
+    bearing = _round(math.degrees(v.yaw))
+    return math.degrees(v.roll), math.degrees(v.pitch), bearing, bearing, 0, 0.0, 0.0, 0.0
+
+
+BUILDERS: dict[int, Callable[[Autopilot], tuple[Any, ...]]] = {
+    0: heartbeat, 1: sys_status, 2: system_time, 4: ping, 8: link_node_status, 24: gps_raw_int, 29: scaled_pressure,
+    30: attitude, 31: attitude_quaternion, 32: local_position_ned, 33: global_position_int, 36: servo_output_raw,
+    42: mission_current, 62: nav_controller_output, 74: vfr_hud, 83: attitude_target, 85: position_target_local_ned,
+    105: highres_imu, 111: timesync, 132: distance_sensor_down, 141: altitude, 147: battery_status,
+    230: estimator_status, 241: vibration, 242: home_position, 245: extended_sys_state, 331: odometry,
+    380: time_estimate_to_target, 411: current_event_sequence, 436: current_mode,
+    12901: open_drone_id_location, 12904: open_drone_id_system,
+}  # fmt: skip
+
+
+def quaternion(roll: float, pitch: float, yaw: float) -> tuple[float, float, float, float]:
+    """Return w, x, y, z of the aerospace angles [rad]."""
+    cr, sr = math.cos(roll / 2), math.sin(roll / 2)
+    cp, sp = math.cos(pitch / 2), math.sin(pitch / 2)
+    cy, sy = math.cos(wrap(yaw) / 2), math.sin(wrap(yaw) / 2)
+    return (
+        cr * cp * cy + sr * sp * sy,
+        sr * cp * cy - cr * sp * sy,
+        cr * sp * cy + sr * cp * sy,
+        cr * cp * sy - sr * sp * cy,
+    )
+
+
+def _thrust(thrust: float) -> float:
+    return thrust if math.isfinite(thrust) else 0.0
+
+
+def _int16(value: float) -> int:
+    return max(-32768, min(32767, _round(value)))
+
+
+def _round(value: float) -> int:
+    return floor(value + 0.5)  # a quarter of the price of round()

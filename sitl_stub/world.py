@@ -1,0 +1,92 @@
+"""What is around the vehicle: the beacon, the air, the globe, and the truth that tests compare with."""
+
+from __future__ import annotations
+
+import math
+import random
+from dataclasses import dataclass
+
+from sitl_stub.config import StubConfig
+
+EARTH_RADIUS_M = 6371000.0
+HOME_LAT_DEG, HOME_LON_DEG, HOME_AMSL_M = 47.397742, 8.545594, 489.4  # where PX4's simulation stands
+_M_PER_DEG_LAT = math.radians(EARTH_RADIUS_M)
+_M_PER_DEG_LON = _M_PER_DEG_LAT * math.cos(math.radians(HOME_LAT_DEG))
+
+
+@dataclass(frozen=True, slots=True)
+class Truth:
+    """Where everything really is at t_s [s since boot].
+
+    East, north [m] from the world's origin; height_m above ground. heading_rad and course_rad count counter-clockwise
+    from east; turn_rate_rad_s is that of the nose, + counter-clockwise. speed_m_s is the horizontal ground speed.
+    range_m is the slant range to the beacon.
+    """
+
+    t_s: float
+    east_m: float
+    north_m: float
+    height_m: float
+    heading_rad: float
+    course_rad: float
+    speed_m_s: float
+    climb_m_s: float
+    airspeed_m_s: float
+    turn_rate_rad_s: float
+    roll_rad: float
+    pitch_rad: float
+    beacon_east_m: float
+    beacon_north_m: float
+    beacon_height_m: float
+    range_m: float
+    horizontal_range_m: float
+    wind_east_m_s: float
+    wind_north_m_s: float
+    mode: str
+    armed: bool
+    failsafe: bool
+
+
+class World:
+    """Beacon and wind as functions of time; gusts are stepped with the flight."""
+
+    def __init__(self, config: StubConfig, dt_s: float) -> None:
+        self._config = config
+        self._random = random.Random(f"{config.seed}:gusts")
+        self._gust_keep = math.exp(-dt_s / config.gust_tau_s)
+        self._gust_kick = config.gust_sigma_m_s * math.sqrt(1.0 - self._gust_keep**2)
+        self._gust_n = self._gust_e = 0.0
+        self.wind_n, self.wind_e = config.wind_north_m_s, config.wind_east_m_s
+
+    def step(self) -> None:
+        """Carry the gusts (a first-order process in each axis) over one step."""
+        if self._gust_kick:
+            gauss = self._random.gauss
+            self._gust_n = self._gust_n * self._gust_keep + self._gust_kick * gauss(0.0, 1.0)
+            self._gust_e = self._gust_e * self._gust_keep + self._gust_kick * gauss(0.0, 1.0)
+            self.wind_n = self._config.wind_north_m_s + self._gust_n
+            self.wind_e = self._config.wind_east_m_s + self._gust_e
+
+    def beacon(self, t_s: float) -> tuple[float, float, float]:
+        """Return the beacon's north, east, height [m]."""
+        c = self._config
+        return (
+            c.beacon_north_m + c.beacon_north_m_s * t_s,
+            c.beacon_east_m + c.beacon_east_m_s * t_s,
+            c.beacon_height_m,
+        )
+
+    def range_from(self, t_s: float, north_m: float, east_m: float, height_m: float) -> float:
+        """Return the slant range [m] to the beacon."""
+        n, e, h = self.beacon(t_s)
+        return math.sqrt((n - north_m) ** 2 + (e - east_m) ** 2 + (h - height_m) ** 2)
+
+
+def lat_lon_deg(north_m: float, east_m: float) -> tuple[float, float]:
+    """Return latitude and longitude of a place in the world (flat around the origin)."""
+    return HOME_LAT_DEG + north_m / _M_PER_DEG_LAT, HOME_LON_DEG + east_m / _M_PER_DEG_LON
+
+
+def north_east_m(lat_deg: float, lon_deg: float) -> tuple[float, float]:
+    """Return the place [m] of a latitude and longitude: the inverse of lat_lon_deg."""
+    return (lat_deg - HOME_LAT_DEG) * _M_PER_DEG_LAT, (lon_deg - HOME_LON_DEG) * _M_PER_DEG_LON

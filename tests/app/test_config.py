@@ -1,0 +1,110 @@
+"""The configuration: every fault at once, on its line, in words; the shipped files load."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+import yaml
+
+from circumnav_mav.config import Config, ConfigError, guidance_settings, load, parse
+from circumnav_mav.endpoint import parse as parse_endpoint
+from circumnav_mav.guidance.laws.hashemi2013 import DEFAULT_KAPPA
+
+ROOT = Path(__file__).parents[2]
+
+
+def faults(text: str) -> list[str]:
+    with pytest.raises(ConfigError) as caught:
+        parse(text, "c.yaml")
+    return list(caught.value.lines())
+
+
+def test_an_empty_file_is_the_defaults():
+    assert parse("") == Config()
+
+
+def test_every_fault_is_reported_at_once_with_its_line():
+    lines = faults("orbit:\n  radius_m: -3\n  speed: 5\nlaw: {name: hashimi}\nengage: always\n")
+    assert [line.split(": ")[0] for line in lines] == ["c.yaml:2", "c.yaml:3", "c.yaml:4", "c.yaml:5"]
+    assert "orbit.radius_m" in lines[0] and "-3" in lines[0]
+    assert "did you mean 'speed_m_s'" in lines[1]
+    assert "did you mean 'hashemi2013'" in lines[2]
+    assert "'pilot' or 'auto'" in lines[3]
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("orbit: {radius_m: .nan}", "finite"),
+        ("orbit: {radius_m: fifty}", "number"),
+        ("orbit: {radius_m: 4, speed_m_s: 5}", "limits.turn_rate_rad_s"),
+        ("law: {kappa: 0.9}", "no orbit exists below 1"),
+        ("law: {kappa: .inf}", "finite"),
+        ("law: {kapa: 2}", "did you mean 'kappa'"),
+        ("law: {kappa: 3, k: 0.06}", "not both"),
+        ("estimator: {gate_sigma: 3}", "did you mean 'gate_sigmas'"),
+        ("vehicle: {link: serial}", "udpin://"),
+        ("vehicle: {link: 'udpout://:14580'}", "address"),
+        ("vehicle: {class: boat}", "px4_multirotor"),
+        ("ranging: {max_age_s: 0.01}", "stale"),
+        ("ranging: {from: [1, 1]}", "autopilot"),
+        ("ranging: {from: [300, 1]}", "255"),
+        ("engage: auto", "height_m"),
+        ("orbit: {direction: clockwize}", "did you mean 'clockwise'"),
+        ("orbit: {radius_m: 50, radius_m: 60}", "given twice"),
+        ("orbit: [1, 2", "not YAML"),
+        ("- 1", "sections"),
+        ("wombat: 1", "no such key"),
+        ("loop: {rate_hz: 5000}", "400"),
+    ],
+)
+def test_faults_say_what_and_what_to_do(text, words):
+    assert any(words in line for line in faults(text)), faults(text)
+
+
+def test_a_missing_file_is_one_line():
+    with pytest.raises(ConfigError, match=r"nowhere\.yaml: cannot read the configuration: No such file"):
+        load("nowhere.yaml")
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "configs").glob("*.yaml")), ids=lambda p: p.name)
+def test_every_shipped_configuration_loads(path):
+    load(path)
+
+
+def test_the_reference_file_has_every_key_at_its_default_with_a_reason():
+    path = ROOT / "configs" / "px4_multirotor.yaml"
+    config = load(path)
+    assert config.model_copy(update={"law": Config().law}) == Config()
+    assert guidance_settings(config).law_options == {"kappa": DEFAULT_KAPPA}  # the default, written out
+    data = yaml.safe_load(path.read_text())
+    keys = {
+        f"{name}.{field.alias or key}" for name, section in Config.model_fields.items() for key, field in inner(section)
+    }
+    written = {f"{name}.{key}" for name, section in data.items() if isinstance(section, dict) for key in section}
+    assert keys <= written, f"keys without a line in {path.name}: {keys - written}"
+    for line in path.read_text().splitlines():
+        if ":" in line and not line.lstrip().startswith("#") and not line.rstrip().endswith(":"):
+            assert "#" in line, f"no unit or reason: {line}"
+
+
+def inner(section):
+    fields = getattr(section.annotation, "model_fields", {})
+    return fields.items()
+
+
+@pytest.mark.parametrize(
+    ("text", "kind", "host", "port"),
+    [
+        ("udpin://0.0.0.0:14540", "udpin", "0.0.0.0", 14540),
+        ("udpin:0.0.0.0:14540", "udpin", "0.0.0.0", 14540),
+        ("udpin://:14540", "udpin", "0.0.0.0", 14540),
+        ("udp://127.0.0.1:14540", "udpin", "127.0.0.1", 14540),
+        ("udpout:127.0.0.1:14580", "udpout", "127.0.0.1", 14580),
+        ("udpout://fc.local:14580", "udpout", "fc.local", 14580),
+    ],
+)
+def test_both_spellings_of_a_link_are_read(text, kind, host, port):
+    endpoint = parse_endpoint(text)
+    assert (endpoint.kind, endpoint.host, endpoint.port) == (kind, host, port)

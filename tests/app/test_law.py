@@ -1,0 +1,85 @@
+"""The paper's law against its own closed forms and geometry."""
+
+from __future__ import annotations
+
+import math
+import random
+
+import pytest
+
+from circumnav_mav.guidance.kernel import Estimate, LawContext, mirror
+from circumnav_mav.guidance.laws import LAWS
+from circumnav_mav.guidance.laws.hashemi2013 import LAW, Parameters, parameters, turn_rate
+
+CONTEXT = LawContext(r_a=50.0, V=5.0, turn_rate_limit=0.8, turn_lag_s=0.45)
+
+
+def u(r: float, theta: float, kappa: float, V: float = 5.0, r_a: float = 50.0) -> float:
+    par = parameters({"kappa": kappa}, LawContext(r_a, V, 0.8, 0.45))
+    return turn_rate(Estimate(r=r, r_dot=-V * math.cos(theta), V=V), par)
+
+
+@pytest.mark.parametrize("kappa", [1.0, 1.2, 3.0, 8.0])
+@pytest.mark.parametrize("r_a", [5.0, 50.0, 400.0])
+def test_the_orbit_is_an_equilibrium_turned_clockwise(kappa, r_a):
+    assert u(r_a, math.pi / 2, kappa, r_a=r_a) == pytest.approx(-5.0 / r_a, rel=1e-9)
+
+
+def test_outside_the_vehicle_heading_for_the_tangent_of_r_s_flies_straight():
+    """On the course whose bearing from the line of sight is asin(r_s / r), u is zero: the tangent of r_s."""
+    par = parameters({"kappa": 3.0}, CONTEXT)
+    for r in (60.0, 100.0, 1000.0):
+        assert u(r, math.asin(par.r_s / r), 3.0) == pytest.approx(0.0, abs=1e-12)
+
+
+def test_it_is_continuous_at_r_s():
+    par = parameters({"kappa": 3.0}, CONTEXT)
+    for theta in (0.2, 1.5, 4.0):
+        inside, outside = u(par.r_s * (1 - 1e-12), theta, 3.0), u(par.r_s * (1 + 1e-12), theta, 3.0)
+        assert inside == pytest.approx(outside, abs=1e-5)
+
+
+def test_it_never_asks_for_more_than_2_k_v():
+    draw = random.Random(5)
+    for _ in range(20_000):
+        kappa, r, theta = draw.uniform(1, 10), draw.uniform(1e-6, 500), draw.uniform(0, 2 * math.pi)
+        assert abs(u(r, theta, kappa)) <= 2 * kappa / 50.0 * 5.0 + 1e-12
+
+
+def test_small_gain_means_r_s_zero_and_no_division_by_it():
+    assert parameters({"kappa": 1.0 - 1e-10}, CONTEXT) == Parameters(k=0.02, r_s=0.0)
+    assert math.isfinite(u(1e-3, 1.0, 1.0))
+
+
+def test_k_is_the_other_spelling_of_kappa():
+    assert parameters({"k": 0.06}, CONTEXT) == pytest.approx(parameters({"kappa": 3.0}, CONTEXT))
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"kappa": 0.99}, "no orbit exists below 1"),
+        ({"k": 0.0199}, "no orbit exists below 1"),
+        ({"kappa": math.inf}, "finite"),
+        ({"kappa": 3.0, "k": 0.06}, "not both"),
+    ],
+)
+def test_gains_without_an_orbit_are_refused_in_words(options, words):
+    with pytest.raises(ValueError, match=words):
+        parameters(options, CONTEXT)
+
+
+def test_a_mirrored_estimate_keeps_range_and_rate():
+    est = Estimate(r=60.0, r_dot=-2.0, V=5.0, u=0.1, theta=1.0, psi=0.5, px=3.0, py=4.0, wx=1.0, wy=2.0)
+    assert mirror(mirror(est)) == est
+    assert LAW.turn_rate(mirror(est), parameters({}, CONTEXT)) == LAW.turn_rate(est, parameters({}, CONTEXT))
+
+
+@pytest.mark.parametrize("law", LAWS.values(), ids=LAWS)
+def test_every_law_turns_clockwise_on_its_own_orbit(law):
+    """Whatever a law reads: on the orbit, in still air, it must keep the orbit."""
+    est = Estimate(
+        r=50.0, r_dot=0.0, V=5.0, u=-0.1, theta=math.pi / 2, psi=math.pi / 2, px=50.0, py=0.0, wx=0.0, wy=0.0
+    )
+    par = law.parameters(dict(law.options), CONTEXT)
+    assert law.turn_rate(est, par) == pytest.approx(-0.1, rel=0.35)

@@ -1,0 +1,57 @@
+import math
+
+import pytest
+
+from circumnav_mav.guidance.kernel import Motion
+from circumnav_mav.guidance.trail import Trail
+
+
+def circle(trail: Trail, V: float, u: float, until_s: float, rate_hz: float, compass: bool) -> None:
+    for n in range(int(until_s * rate_hz) + 1):
+        t = n / rate_hz
+        trail.advance(t, Motion(V, u, math.remainder(0.7 + u * t, 2 * math.pi) if compass else math.nan))
+
+
+@pytest.mark.parametrize("compass", [True, False])
+def test_a_circle_flown_is_a_circle_reckoned(compass):
+    V, u = 5.0, -0.5
+    trail = Trail(2.0, V)
+    circle(trail, V, u, 10.0, 50.0, compass)
+    now = Motion(V, u, math.remainder(0.7 + u * 10.0, 2 * math.pi) if compass else math.nan)
+    a, b = trail.at(9.0, now), trail.at(10.0, now)
+    moved = trail.between(a, b, now)
+    R, turn = V / abs(u), u * 1.0  # the chord of an arc of one second, by plane geometry
+    assert moved.ahead == pytest.approx(R * math.sin(abs(turn)), rel=1e-6)
+    assert moved.left == pytest.approx(-R * (1 - math.cos(turn)), rel=1e-6)
+    assert moved.turn == pytest.approx(turn)
+    assert math.isnan(moved.psi) != compass
+    if compass:
+        assert math.remainder(moved.psi - now.psi, 2 * math.pi) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_silent_sensors_keep_their_last_value_and_the_compass_is_reckoned():
+    trail = Trail(5.0, 4.0)
+    trail.advance(0.0, Motion(4.0, 0.1, 1.0))
+    trail.advance(1.0, Motion(4.0, 0.1, 1.1))
+    trail.advance(2.0, Motion())
+    a, b = trail.at(1.0, Motion()), trail.at(2.0, Motion())
+    moved = trail.between(a, b, Motion())
+    assert (moved.V, moved.u) == (4.0, 0.1)
+    assert moved.psi == pytest.approx(1.2)
+
+
+def test_a_compass_that_comes_late_is_not_a_turn():
+    trail = Trail(5.0, 4.0)
+    trail.advance(0.0, Motion(4.0, 0.0))
+    trail.advance(1.0, Motion(4.0, 0.0, 2.0))
+    moved = trail.between(trail.at(0.0, Motion()), trail.at(1.0, Motion()), Motion())
+    assert (moved.turn, moved.ahead, moved.psi) == (0.0, 4.0, 2.0)
+
+
+def test_forgets_what_is_older_than_its_span_and_sees_ahead_of_its_end():
+    trail = Trail(1.0, 4.0)
+    circle(trail, 4.0, 0.2, 5.0, 10.0, True)
+    assert trail.at(3.0, Motion()) is None
+    assert trail.at(4.0, Motion()) is not None
+    ahead = trail.at(5.5, Motion(4.0, 0.0))
+    assert trail.between(trail.at(5.0, Motion()), ahead, Motion(4.0, 0.0)).ahead == pytest.approx(2.0)

@@ -1,0 +1,1 @@
+"""Ranging: decoders, the receiver they share, calibration and the monitor."""

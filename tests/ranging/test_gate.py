@@ -1,0 +1,99 @@
+"""The gate as a table: one row a reason, at its very edge."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from circumnav_mav.ranging.gate import Gate, Limits
+from circumnav_mav.ranging.plug import Reading
+from circumnav_mav.types import RangeSample
+
+NAN, INF = math.nan, math.inf
+LIMITS = Limits(max_age_s=1.0, min_m=2.0, max_m=500.0, min_quality_pct=30.0, stuck_s=2.0)
+
+
+def judge(gate, now_s, *, range_m=50.0, t_s=None, bias_m=0.0, rate=NAN, moving=True, **reading):
+    sample = RangeSample(now_s if t_s is None else t_s, range_m - bias_m, rate)
+    rejected = gate.judge(Reading(range_m=range_m, range_rate_m_s=rate, **reading), sample, now_s, moving=moving)
+    return None if rejected is None else str(rejected.reason)
+
+
+ROWS = [
+    ({}, None),
+    ({"range_m": 2.0}, None),
+    ({"range_m": 1.999}, "out_of_range"),
+    ({"range_m": 500.0}, None),
+    ({"range_m": 500.001}, "out_of_range"),
+    ({"range_m": -50.0}, "out_of_range"),
+    ({"range_m": NAN}, "not_finite"),
+    ({"range_m": INF}, "not_finite"),
+    ({"rate": INF}, "not_finite"),
+    ({"rate": -3.0}, None),
+    ({"least_m": 50.0, "most_m": 50.0}, None),
+    ({"least_m": 50.1}, "out_of_range"),
+    ({"most_m": 49.9}, "out_of_range"),
+    ({"range_m": 3.0, "bias_m": 1.5, "least_m": 2.5}, "out_of_range"),
+    ({"range_m": 4.0, "bias_m": 1.5, "most_m": 4.0}, None),
+    ({"quality_pct": 0.0}, "invalid_quality"),
+    ({"quality_pct": 29.0}, "invalid_quality"),
+    ({"quality_pct": 30.0}, None),
+    ({"t_s": 9.0}, None),
+    ({"t_s": 8.99}, "stale"),
+    ({"t_s": NAN}, "stale"),
+]
+
+
+@pytest.mark.parametrize(("reading", "reason"), ROWS)
+def test_row(reading, reason):
+    assert judge(Gate(LIMITS), 10.0, **reading) == reason
+
+
+def test_no_limits_means_none():
+    gate = Gate(Limits())
+    assert judge(gate, 10.0, range_m=0.001) is None
+    assert judge(gate, 10.1, range_m=1e6, quality_pct=0.5) is None
+
+
+def test_time_may_stand_but_not_go_back():
+    gate = Gate(LIMITS)
+    assert judge(gate, 10.0, t_s=9.9) is None
+    assert judge(gate, 10.0, t_s=9.9, range_m=50.1) is None
+    assert judge(gate, 10.1, t_s=9.89) == "time_backwards"
+    assert judge(gate, 10.1, t_s=9.91) is None
+
+
+def test_a_rejected_sample_does_not_move_time():
+    gate = Gate(LIMITS)
+    assert judge(gate, 10.0, t_s=10.0, range_m=1000.0) == "out_of_range"
+    assert judge(gate, 10.1, t_s=9.9) is None
+
+
+def test_without_stamp_and_sequence_the_same_range_twice_is_two_measurements():
+    gate = Gate(Limits())
+    assert [judge(gate, 10.0 + 0.1 * n) for n in range(3)] == [None] * 3
+
+
+@pytest.mark.parametrize("identity", [{"stamp_s": 5.0}, {"sequence": 7}, {"stamp_s": 5.0, "sequence": 7}])
+def test_the_same_measurement_twice_is_a_duplicate(identity):
+    gate = Gate(Limits())
+    assert judge(gate, 10.0, **identity) is None
+    assert judge(gate, 10.1, **identity) == "duplicate"
+    assert judge(gate, 10.2, range_m=50.1, **identity) is None
+
+
+def test_stuck_needs_time_and_repeats_and_ends_with_a_change():
+    slow = Gate(LIMITS)
+    assert [judge(slow, 10.0 + n) for n in range(7)] == [None] * 5 + ["stuck"] * 2
+    quick = Gate(LIMITS)
+    assert {judge(quick, 10.0 + 0.01 * n) for n in range(200)} == {None}
+    assert judge(quick, 12.01) == "stuck"
+    assert judge(quick, 12.02, range_m=50.001) is None
+
+
+def test_stuck_is_not_judged_at_rest():
+    gate = Gate(LIMITS)
+    assert {judge(gate, 10.0 + 0.1 * n, moving=False) for n in range(100)} == {None}
+    assert judge(gate, 20.1) is None
+    assert judge(gate, 23.0) is None

@@ -1,0 +1,126 @@
+"""The multirotor's motion against closed forms and the figures measured on PX4 (PX4.md, section 4)."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from tests.stub.rig import Rig, first_time, flying
+
+
+def offboard_at(velocity: tuple[float, float, float], yaw_rate: float = 0.0, **fields: float) -> Rig:
+    rig = flying(**fields)
+    rig.enter_offboard(lambda _: rig.local())
+    rig.run(1.0)
+    rig.streaming = lambda _: rig.local(velocity=velocity, yaw_rate=yaw_rate)
+    return rig
+
+
+@pytest.mark.parametrize(("share", "measured_s"), [(0.5, 0.59), (0.63, 0.76), (0.9, 1.31)])
+def test_velocity_step(share: float, measured_s: float) -> None:
+    rig = offboard_at((5.0, 0.0, 0.0))
+    taken_s = first_time(rig, lambda: rig.stub.truth().speed_m_s >= share * 5.0, 5.0)
+    assert taken_s == pytest.approx(measured_s, rel=0.15)
+
+
+@pytest.mark.parametrize(("share", "measured_s"), [(0.63, 0.455), (0.9, 0.75)])
+def test_yaw_rate_step(share: float, measured_s: float) -> None:
+    rig = offboard_at((5.0, 0.0, 0.0), 0.25)
+    taken_s = first_time(rig, lambda: -rig.stub.truth().turn_rate_rad_s >= share * 0.2445, 5.0)
+    assert taken_s == pytest.approx(measured_s, rel=0.15)
+
+
+@pytest.mark.parametrize(
+    ("speed", "yaw_rate", "sideslip_deg", "radius_m"),
+    [(5.0, 0.25, -8.4, 21.0), (5.0, -0.25, 8.4, 21.0), (5.0, 0.5, -17.0, 10.3), (10.0, 0.25, -8.1, 41.3)],
+)
+def test_steady_turn(speed: float, yaw_rate: float, sideslip_deg: float, radius_m: float) -> None:
+    """A turning nose with velocity along it: the track lags, the circle is V / yaw rate."""
+    rig = offboard_at((speed, 0.0, 0.0), yaw_rate)
+    rig.run(10.0)
+    truth = rig.stub.truth()
+    # Compass angles are clockwise, Truth's counter-clockwise: sideslip (course - yaw) changes its sign.
+    slip_deg = -math.degrees(math.remainder(truth.course_rad - truth.heading_rad, 2 * math.pi))
+    assert slip_deg == pytest.approx(sideslip_deg, rel=0.15)
+    assert truth.speed_m_s == pytest.approx(speed, rel=0.03)
+    places = []
+    for _ in range(round(2 * math.pi / abs(0.978 * yaw_rate) / 0.1)):
+        rig.run(0.1)
+        places.append((rig.stub.truth().east_m, rig.stub.truth().north_m))
+    east, north = (sum(c) / len(places) for c in zip(*places, strict=True))
+    radii = [math.hypot(e - east, n - north) for e, n in places]
+    assert sum(radii) / len(radii) == pytest.approx(radius_m, rel=0.05)
+
+
+def test_velocity_turned_ahead_of_the_nose_takes_the_sideslip_out() -> None:
+    u = 0.25
+    rig = offboard_at((5.0 * math.cos(0.6 * u), 5.0 * math.sin(0.6 * u), 0.0), u)
+    rig.run(15.0)
+    truth = rig.stub.truth()
+    assert abs(math.degrees(math.remainder(truth.course_rad - truth.heading_rad, 2 * math.pi))) < 1.0
+
+
+@pytest.mark.parametrize("asked", [12.5, 15.0])
+def test_speed_is_clipped_at_MPC_XY_VEL_MAX(asked: float) -> None:
+    rig = offboard_at((asked, 0.0, 0.0))
+    rig.run(8.0)
+    assert rig.stub.truth().speed_m_s == pytest.approx(12.0, abs=0.05)
+
+
+def test_wind_pushes_and_is_taken_up() -> None:
+    """The velocity loop rejects wind: a hovering multirotor tilts against it and stays."""
+    rig = flying(wind_north_m_s=8.0)
+    rig.enter_offboard(lambda _: rig.local())
+    rig.run(20.0)
+    truth = rig.stub.truth()
+    assert truth.speed_m_s < 0.05
+    assert truth.airspeed_m_s == pytest.approx(8.0, abs=0.1)
+    assert abs(truth.pitch_rad) > math.radians(3.0)
+
+
+def test_frame_1_holds_a_height() -> None:
+    rig = flying(height_m=25.0, height_drift_m_s=0.04)
+    rig.enter_offboard(lambda _: rig.local(frame=1, mask=1507, place=(0, 0, -30.0), velocity=(5.0, 0.0, 0.0)))
+    rig.run(15.0)
+    assert rig.stub.truth().height_m == pytest.approx(30.0, abs=0.2)
+
+
+def test_position_is_held() -> None:
+    rig = flying()
+    rig.enter_offboard(lambda _: rig.local(frame=1, mask=0b110111111000, place=(40.0, -20.0, -20.0)))
+    rig.run(30.0)
+    truth = rig.stub.truth()
+    assert (truth.north_m, truth.east_m, truth.height_m) == pytest.approx((40.0, -20.0, 20.0), abs=0.2)
+
+
+def test_mirror() -> None:
+    """Turning left is turning right in a mirror."""
+    right, left = offboard_at((5.0, 0.0, 0.0), 0.3), offboard_at((5.0, 0.0, 0.0), -0.3)
+    for rig in (right, left):
+        rig.run(12.0)
+    a, b = right.stub.truth(), left.stub.truth()
+    assert (a.north_m, a.east_m) == pytest.approx((b.north_m, -b.east_m), abs=1e-6)
+
+
+def test_coarse_steps_fly_the_same_way() -> None:
+    """Steps are exact for a constant input, so 10 ms and 20 ms agree."""
+    fine, coarse = offboard_at((4.0, 1.0, 0.0), 0.2), offboard_at((4.0, 1.0, 0.0), 0.2, step_s=0.02)
+    for rig in (fine, coarse):
+        rig.run(30.0, dt_s=0.02)
+    a, b = fine.stub.truth(), coarse.stub.truth()
+    assert math.hypot(a.north_m - b.north_m, a.east_m - b.east_m) < 0.5
+
+
+def test_position_is_the_integral_of_velocity() -> None:
+    rig = offboard_at((5.0, 0.0, 0.0), 0.2)
+    before = rig.stub.truth()
+    north = east = 0.0
+    for _ in range(1000):
+        a = rig.stub.truth()
+        rig.run(0.01)
+        b = rig.stub.truth()
+        north += 0.005 * (a.speed_m_s * math.sin(a.course_rad) + b.speed_m_s * math.sin(b.course_rad))
+        east += 0.005 * (a.speed_m_s * math.cos(a.course_rad) + b.speed_m_s * math.cos(b.course_rad))
+    after = rig.stub.truth()
+    assert (after.north_m - before.north_m, after.east_m - before.east_m) == pytest.approx((north, east), abs=1e-3)
