@@ -51,7 +51,12 @@ class Pilot:
 def program(law: str, estimator: str) -> Callable[..., Any]:
     """Return `drive` bound to a law and an estimator, compiled where numba is."""
     e = ESTIMATORS[estimator]
-    bound = {"BEGIN": e.begin, "OBSERVE": e.observe, "CARRY": e.carry, "LAW": LAWS[law].turn_rate}
+    bound: dict[str, Callable[..., Any]] = {
+        "BEGIN": e.begin,
+        "OBSERVE": e.observe,
+        "CARRY": e.carry,
+        "LAW": LAWS[law].turn_rate,
+    }
     return kernels.compiled(drive.drive, bound)
 
 

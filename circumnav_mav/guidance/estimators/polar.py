@@ -117,8 +117,8 @@ def observe(bank: list[Polar], mem: Memory, m: Moved, z: Reading, par: Parameter
     if len(bank) == 0:
         seed(bank, z, par, variance)
         return remember(mem, m.dt, nan, 0.0, 1.0)
-    least, best_nis, best = 1e300, 0.0, best_of(bank)
-    top = bank[best].log_weight
+    least, best_nis, best = 1e300, 0.0, 0
+    top = bank[best_of(bank)].log_weight
     for i in range(len(bank)):
         h = bank[i] = predict(bank[i], m, par)
         nis = (z.r - h.r) ** 2 / (h.prr + variance)
@@ -137,28 +137,28 @@ def observe(bank: list[Polar], mem: Memory, m: Moved, z: Reading, par: Parameter
             h = bank[i]
             error = z.r_dot + m.V * cos(h.theta)
             bank[i] = correct(h, error, 0.0, m.V * sin(h.theta), par.sigma_r_dot**2, par.gate)
-    prune(bank)
     merge(bank)
+    prune(bank)
     alarm = smoothed(mem.alarm, min(best_nis, par.gate**2))
     if alarm > par.alarm:
         seed(bank, z, par, variance)
         return Memory(mem.known, RESTARTED, best_nis, 1.0, nan, 0.0, 0.0)
-    known = 1.0 if bank[best_of(bank)].ptt < 0.25 else mem.known
+    known = 1.0 if bank[0].ptt < 0.25 else mem.known
     return remember(mem, m.dt, best_nis, known, alarm)
 
 
 def carry(bank: list[Polar], mem: Memory, m: Moved, par: Parameters) -> Estimate:
-    """Return the likeliest hypothesis after a motion; with a compass also where the target is."""
-    h = predict(bank[best_of(bank)], m, par)
+    """Return the leading hypothesis after a motion; with a compass also where the target is."""
+    h = predict(bank[0], m, par)
     sight = m.psi - h.theta
     return Estimate(h.r, -m.V * cos(h.theta), m.V, m.u, h.theta, m.psi, h.r * cos(sight), h.r * sin(sight), nan, nan)
 
 
 def covariance(bank: list[Polar]) -> tuple[float, ...]:
-    """Return (var r [m^2], cov r theta, var theta [rad^2]) of the likeliest hypothesis at the last reading."""
+    """Return (var r [m^2], cov r theta, var theta [rad^2]) of the leading hypothesis at the last reading."""
     if not bank:
         return (nan, nan, nan)
-    h = bank[best_of(bank)]
+    h = bank[0]
     return (h.prr, h.prt, h.ptt)
 
 

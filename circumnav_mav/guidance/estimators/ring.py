@@ -16,6 +16,9 @@ PRUNE = 14.0
 LIKELY = 6.0
 """A hypothesis within this of the best has a say in whether a reading is an echo."""
 
+CHANGE = 1.0
+"""How much likelier another hypothesis must be before the vehicle flies on it."""
+
 ALARM_SHARE = 0.04
 """Weight of one reading in the smoothed normalised innovation: the alarm remembers about 25 readings."""
 
@@ -29,6 +32,13 @@ def best_of(bank: list[Any]) -> int:
     return best
 
 
+def lead(bank: list[Any]) -> None:
+    """Put the hypothesis to fly on first: the likeliest, but not for a near tie, or the vehicle would dither."""
+    best = best_of(bank)
+    if bank[best].log_weight > bank[0].log_weight + CHANGE:
+        bank[0], bank[best] = bank[best], bank[0]
+
+
 def log_likelihood(nis: float, s: float, gate: float) -> float:
     """Return ln of the likelihood of an innovation, with a floor at the gate."""
     return -0.5 * (min(nis, gate * gate) + log(s))
@@ -40,6 +50,7 @@ def prune(bank: list[Any]) -> None:
     for i in range(len(bank) - 1, -1, -1):
         if bank[i].log_weight < least:
             bank.pop(i)
+    lead(bank)
 
 
 def smoothed(alarm: float, nis: float) -> float:
