@@ -3,6 +3,6 @@
 from __future__ import annotations
 
 from circumnav_mav.guidance.kernel import Law
-from circumnav_mav.guidance.laws import hashemi2013
+from circumnav_mav.guidance.laws import hashemi2013, tangent
 
-LAWS: dict[str, Law] = {law.name: law for law in (hashemi2013.LAW,)}
+LAWS: dict[str, Law] = {law.name: law for law in (hashemi2013.LAW, tangent.LAW)}
