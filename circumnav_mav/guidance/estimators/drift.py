@@ -15,7 +15,7 @@ from math import atan2, cos, hypot, isnan, nan, pi, sin, sqrt
 from typing import NamedTuple
 
 from circumnav_mav.guidance.estimators.gate import refuse, remember
-from circumnav_mav.guidance.estimators.ring import LIKELY, best_of, log_likelihood, prune, smoothed
+from circumnav_mav.guidance.estimators.ring import LIKELY, TWIN, best_of, log_likelihood, prune, smoothed
 from circumnav_mav.guidance.kernel import (
     RESTARTED,
     Estimate,
@@ -37,9 +37,6 @@ SPLIT = 0.16
 STIRS = (1.0, 30.0, 900.0)
 """Calm, gusty, wild: how many times the usual noise drives the drift. Once the ring is gone, one of each is flown, and
 the readings say which it is."""
-
-TWIN = 3.0
-"""A kind of air that was given up starts again from the leader, this much less likely (natural logarithm)."""
 
 
 class Parameters(NamedTuple):
@@ -262,20 +259,22 @@ def split(bank: list[Drift]) -> None:
         bank.append(gained(h, gx, gy, gu, gv, gs, inv, -step, h.log_weight - 1.4908))
 
 
+def same(h: Drift, best: Drift) -> bool:
+    dx, dy, du, dv = h.px - best.px, h.py - best.py, h.wx - best.wx, h.wy - best.wy
+    near = dx * dx + dy * dy < 0.25 * (best.xx + best.yy) and du * du + dv * dv < 0.25 * (best.uu + best.vv)
+    return near and h.stir == best.stir
+
+
 def merge(bank: list[Drift]) -> None:
-    """Drop what has become the same as the best."""
-    best = bank[best_of(bank)]
-    for i in range(len(bank) - 1, -1, -1):
-        h = bank[i]
-        dx, dy = h.px - best.px, h.py - best.py
-        du, dv = h.wx - best.wx, h.wy - best.wy
-        if (
-            h.log_weight < best.log_weight
-            and h.stir == best.stir
-            and dx * dx + dy * dy < 0.25 * (best.xx + best.yy)
-            and du * du + dv * dv < 0.25 * (best.uu + best.vv)
-        ):
+    """Drop what has become the same as the best; where that is the leader, the best takes its place."""
+    best = best_of(bank)
+    for i in range(len(bank) - 1, 0, -1):
+        if i != best and same(bank[i], bank[best]):
             bank.pop(i)
+            if i < best:
+                best -= 1
+    if best > 0 and same(bank[0], bank[best]):
+        bank[0] = bank.pop(best)
 
 
 def twin(bank: list[Drift]) -> None:
