@@ -15,7 +15,7 @@ from math import atan2, cos, hypot, isnan, nan, pi, sin, sqrt
 from typing import NamedTuple
 
 from circumnav_mav.guidance.estimators.gate import refuse, remember
-from circumnav_mav.guidance.estimators.ring import LIKELY, best_of, log_likelihood, prune, smoothed
+from circumnav_mav.guidance.estimators.ring import LIKELY, TWIN, best_of, log_likelihood, prune, smoothed
 from circumnav_mav.guidance.kernel import (
     RESTARTED,
     Estimate,
@@ -32,6 +32,11 @@ RING = 24
 
 SPLIT = 0.16
 """A hypothesis longer across the line of sight than this share of the range is cut."""
+
+
+STIRS = (1.0, 30.0, 900.0)
+"""Calm, gusty, wild: how many times the usual noise drives the drift. Once the ring is gone, one of each is flown, and
+the readings say which it is."""
 
 
 class Parameters(NamedTuple):
@@ -72,16 +77,17 @@ class Drift(NamedTuple):
     vv: float
     vs: float
     ss: float
+    stir: float  # how many times the usual noise drives w
     log_weight: float
 
 
 def predict(h: Drift, dx: float, dy: float, dt: float, par: Parameters) -> Drift:
     """Return the hypothesis after the reckoned displacement (dx, dy) in dt. Exact: the motion is linear."""
-    px, py, wx, wy, s, xx, xy, xu, xv, xs, yy, yu, yv, ys, uu, uv, us, vv, vs, ss, log_weight = h
+    px, py, wx, wy, s, xx, xy, xu, xv, xs, yy, yu, yv, ys, uu, uv, us, vv, vs, ss, stir, log_weight = h
     # cov(p') = cov(p - s d - w dt), the cross terms first
     xu1, xv1, xs1 = xu - dx * us - dt * uu, xv - dx * vs - dt * uv, xs - dx * ss - dt * us
     yu1, yv1, ys1 = yu - dy * us - dt * uv, yv - dy * vs - dt * vv, ys - dy * ss - dt * vs
-    q = par.q_w * dt
+    q = stir * par.q_w * dt
     return Drift(
         px - (1.0 + s) * dx - wx * dt,
         py - (1.0 + s) * dy - wy * dt,
@@ -103,6 +109,7 @@ def predict(h: Drift, dx: float, dy: float, dt: float, par: Parameters) -> Drift
         vv + q,
         vs,
         ss + par.q_s * dt,
+        stir,
         log_weight,
     )
 
@@ -116,7 +123,7 @@ def gained(
     range is linear, so that a hypothesis that is unsure of the bearing does not take the curvature of the circle of
     equal range for knowledge.
     """
-    px, py, wx, wy, s, xx, xy, xu, xv, xs, yy, yu, yv, ys, uu, uv, us, vv, vs, ss, _ = h
+    px, py, wx, wy, s, xx, xy, xu, xv, xs, yy, yu, yv, ys, uu, uv, us, vv, vs, ss, stir, _ = h
     kx, ky, ku, kv, ks = gx * inv, gy * inv, gu * inv, gv * inv, gs * inv
     r = max(hypot(px, py), 1e-3)
     swing = (px * ky - py * kx) * error / (r * r)
@@ -147,14 +154,15 @@ def gained(
         vv - kv * gv,
         vs - kv * gs,
         ss - ks * gs,
+        stir,
         log_weight,
     )
 
 
-def priced(h: Drift, log_weight: float) -> Drift:
-    """Return the hypothesis with another weight."""
-    px, py, wx, wy, s, xx, xy, xu, xv, xs, yy, yu, yv, ys, uu, uv, us, vv, vs, ss, _ = h
-    return Drift(px, py, wx, wy, s, xx, xy, xu, xv, xs, yy, yu, yv, ys, uu, uv, us, vv, vs, ss, log_weight)
+def again(h: Drift, stir: float, log_weight: float) -> Drift:
+    """Return the hypothesis with another noise and weight."""
+    px, py, wx, wy, s, xx, xy, xu, xv, xs, yy, yu, yv, ys, uu, uv, us, vv, vs, ss, _, _ = h
+    return Drift(px, py, wx, wy, s, xx, xy, xu, xv, xs, yy, yu, yv, ys, uu, uv, us, vv, vs, ss, stir, log_weight)
 
 
 def innovation(h: Drift, z: float, variance: float) -> tuple[float, float]:
@@ -174,7 +182,7 @@ def use_range(h: Drift, z: float, variance: float, gate: float) -> Drift:
     nis = error * error / variance
     log_weight = h.log_weight + log_likelihood(nis, variance, gate)
     if nis > gate * gate:
-        return priced(h, log_weight)
+        return again(h, h.stir, log_weight)
     gu, gv, gs = c * h.xu + n * h.yu, c * h.xv + n * h.yv, c * h.xs + n * h.ys
     return gained(h, gx, gy, gu, gv, gs, 1.0 / variance, error, log_weight)
 
@@ -197,7 +205,7 @@ def use_rate(h: Drift, z: float, m: Moved, variance: float, gate: float) -> Drif
     nis = error * error / variance
     log_weight = h.log_weight + log_likelihood(nis, variance, gate)
     if nis > gate * gate:
-        return priced(h, log_weight)
+        return again(h, h.stir, log_weight)
     return gained(h, gx, gy, gu, gv, gs, 1.0 / variance, error, log_weight)
 
 
@@ -216,7 +224,9 @@ def ring_member(r: float, bearing: float, variance: float, par: Parameters, log_
     xx, xy, yy = variance * c * c + across * s * s, (variance - across) * s * c, variance * s * s + across * c * c
     ss = par.sigma_s**2
     px, py = r * c, r * s
-    return Drift(px, py, 0.0, 0.0, 0.0, xx, xy, 0.0, 0.0, 0.0, yy, 0.0, 0.0, 0.0, ww, 0.0, 0.0, ww, 0.0, ss, log_weight)
+    return Drift(
+        px, py, 0.0, 0.0, 0.0, xx, xy, 0.0, 0.0, 0.0, yy, 0.0, 0.0, 0.0, ww, 0.0, 0.0, ww, 0.0, ss, 1.0, log_weight
+    )
 
 
 def seed(bank: list[Drift], z: Reading, par: Parameters, variance: float) -> None:
@@ -249,19 +259,34 @@ def split(bank: list[Drift]) -> None:
         bank.append(gained(h, gx, gy, gu, gv, gs, inv, -step, h.log_weight - 1.4908))
 
 
+def same(h: Drift, best: Drift) -> bool:
+    dx, dy, du, dv = h.px - best.px, h.py - best.py, h.wx - best.wx, h.wy - best.wy
+    near = dx * dx + dy * dy < 0.25 * (best.xx + best.yy) and du * du + dv * dv < 0.25 * (best.uu + best.vv)
+    return near and h.stir == best.stir
+
+
 def merge(bank: list[Drift]) -> None:
-    """Drop what has become the same as the best."""
-    best = bank[best_of(bank)]
-    for i in range(len(bank) - 1, -1, -1):
-        h = bank[i]
-        dx, dy = h.px - best.px, h.py - best.py
-        du, dv = h.wx - best.wx, h.wy - best.wy
-        if (
-            h.log_weight < best.log_weight
-            and dx * dx + dy * dy < 0.25 * (best.xx + best.yy)
-            and du * du + dv * dv < 0.25 * (best.uu + best.vv)
-        ):
+    """Drop what has become the same as the best; where that is the leader, the best takes its place."""
+    best = best_of(bank)
+    for i in range(len(bank) - 1, 0, -1):
+        if i != best and same(bank[i], bank[best]):
             bank.pop(i)
+            if i < best:
+                best -= 1
+    if best > 0 and same(bank[0], bank[best]):
+        bank[0] = bank.pop(best)
+
+
+def twin(bank: list[Drift]) -> None:
+    """Have each kind of air flown by one hypothesis at least."""
+    if len(bank) > 2 * len(STIRS):
+        return
+    for stir in STIRS:
+        flown = False
+        for h in bank:
+            flown = flown or h.stir == stir
+        if not flown:
+            bank.append(again(bank[0], stir, bank[0].log_weight - TWIN))
 
 
 def observe(bank: list[Drift], mem: Memory, m: Moved, z: Reading, par: Parameters) -> Memory:
@@ -297,6 +322,7 @@ def observe(bank: list[Drift], mem: Memory, m: Moved, z: Reading, par: Parameter
             bank[i] = use_rate(bank[i], z.r_dot, m, par.sigma_r_dot**2, par.gate)
     merge(bank)
     prune(bank)
+    twin(bank)
     alarm = smoothed(mem.alarm, min(best_nis, par.gate**2))
     h = bank[0]
     if alarm > par.alarm or hypot(h.wx, h.wy) > par.w_most or abs(h.s) > par.s_most:
@@ -358,11 +384,11 @@ OPTIONS = {
     "sigma_rate_m_s": 0.5,
     "drift_share": 0.3,
     "scale_sigma": 0.07,
-    "wander_share": 0.003,
-    "gust_share": 0.01,
-    "scale_wander": 0.002,
+    "wander_share": 0.002,
+    "gust_share": 0.003,
+    "scale_wander": 0.001,
     "gate_sigmas": 4.0,
-    "alarm_nis": 2.5,
+    "alarm_nis": 3.0,
 }
 
 ESTIMATOR = Estimator(

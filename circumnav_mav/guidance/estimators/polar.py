@@ -13,7 +13,7 @@ from math import atan2, cos, hypot, isnan, nan, pi, sin
 from typing import NamedTuple
 
 from circumnav_mav.guidance.estimators.gate import refuse, remember
-from circumnav_mav.guidance.estimators.ring import LIKELY, best_of, log_likelihood, prune, smoothed
+from circumnav_mav.guidance.estimators.ring import LIKELY, TWIN, best_of, log_likelihood, prune, smoothed
 from circumnav_mav.guidance.kernel import (
     RESTARTED,
     Estimate,
@@ -26,6 +26,10 @@ from circumnav_mav.guidance.kernel import (
 
 RING = 8
 """Hypotheses of theta at the start."""
+
+
+STIRS = (1.0, 300.0)
+"""Calm air, and wind or lag that the model does not have: how many times the usual noise drives the state."""
 
 
 class Parameters(NamedTuple):
@@ -45,6 +49,7 @@ class Polar(NamedTuple):
     prr: float
     prt: float
     ptt: float
+    stir: float  # how many times the usual noise drives it
     log_weight: float
 
 
@@ -59,9 +64,10 @@ def predict(h: Polar, m: Moved, par: Parameters) -> Polar:
     return Polar(
         r,
         (h.theta - phi + m.turn + pi) % (2.0 * pi) - pi,
-        a * a * prr + 2.0 * a * b * prt + b * b * ptt + par.q_r * m.dt,
+        a * a * prr + 2.0 * a * b * prt + b * b * ptt + h.stir * par.q_r * m.dt,
         a * d * prr + (a * e + b * d) * prt + b * e * ptt,
-        d * d * prr + 2.0 * d * e * prt + e * e * ptt + par.q_theta * m.dt,
+        d * d * prr + 2.0 * d * e * prt + e * e * ptt + h.stir * par.q_theta * m.dt,
+        h.stir,
         h.log_weight,
     )
 
@@ -73,20 +79,21 @@ def correct(h: Polar, error: float, a: float, b: float, variance: float, gate: f
     nis = error * error / s
     log_weight = h.log_weight + log_likelihood(nis, s, gate)
     if nis > gate * gate:
-        return Polar(h.r, h.theta, h.prr, h.prt, h.ptt, log_weight)
+        return Polar(h.r, h.theta, h.prr, h.prt, h.ptt, h.stir, log_weight)
     return Polar(
         h.r + gr / s * error,
         h.theta + gt / s * error,
         h.prr - gr * gr / s,
         h.prt - gr * gt / s,
         h.ptt - gt * gt / s,
+        h.stir,
         log_weight,
     )
 
 
 def begin(par: Parameters) -> list[Polar]:
     """Return an empty bank."""
-    bank = [Polar(nan, nan, nan, nan, nan, 0.0)]
+    bank = [Polar(nan, nan, nan, nan, nan, 1.0, 0.0)]
     bank.pop()
     return bank
 
@@ -97,17 +104,37 @@ def seed(bank: list[Polar], z: Reading, par: Parameters, variance: float) -> Non
     step = 2.0 * pi / RING
     for i in range(RING):
         theta = -pi + (i + 0.5) * step
-        bank.append(Polar(z.r, theta, variance, 0.0, (0.5 * step) ** 2, 0.1 if theta * par.side > 0.0 else 0.0))
+        bank.append(Polar(z.r, theta, variance, 0.0, (0.5 * step) ** 2, 1.0, 0.1 if theta * par.side > 0.0 else 0.0))
+
+
+def same(h: Polar, best: Polar) -> bool:
+    turn = (h.theta - best.theta + pi) % (2.0 * pi) - pi
+    return h.stir == best.stir and turn * turn < best.ptt and (h.r - best.r) ** 2 < best.prr
 
 
 def merge(bank: list[Polar]) -> None:
-    """Drop what has become the same as the best."""
-    best = bank[best_of(bank)]
-    for i in range(len(bank) - 1, -1, -1):
-        h = bank[i]
-        turn = (h.theta - best.theta + pi) % (2.0 * pi) - pi
-        if h.log_weight < best.log_weight and turn * turn < best.ptt and (h.r - best.r) ** 2 < best.prr:
+    """Drop what has become the same as the best; where that is the leader, the best takes its place."""
+    best = best_of(bank)
+    for i in range(len(bank) - 1, 0, -1):
+        if i != best and same(bank[i], bank[best]):
             bank.pop(i)
+            if i < best:
+                best -= 1
+    if best > 0 and same(bank[0], bank[best]):
+        bank[0] = bank.pop(best)
+
+
+def twin(bank: list[Polar]) -> None:
+    """Have each kind of air flown by one hypothesis at least."""
+    if len(bank) > 2 * len(STIRS):
+        return
+    for stir in STIRS:
+        flown = False
+        for h in bank:
+            flown = flown or h.stir == stir
+        if not flown:
+            h = bank[0]
+            bank.append(Polar(h.r, h.theta, h.prr, h.prt, h.ptt, stir, h.log_weight - TWIN))
 
 
 def observe(bank: list[Polar], mem: Memory, m: Moved, z: Reading, par: Parameters) -> Memory:
@@ -139,6 +166,7 @@ def observe(bank: list[Polar], mem: Memory, m: Moved, z: Reading, par: Parameter
             bank[i] = correct(h, error, 0.0, m.V * sin(h.theta), par.sigma_r_dot**2, par.gate)
     merge(bank)
     prune(bank)
+    twin(bank)
     alarm = smoothed(mem.alarm, min(best_nis, par.gate**2))
     if alarm > par.alarm:
         seed(bank, z, par, variance)
@@ -184,8 +212,8 @@ def parameters(options: Mapping[str, float], context: EstimatorContext) -> Param
 OPTIONS = {
     "sigma_m": 0.3,
     "sigma_rate_m_s": 0.5,
-    "drift_share": 0.02,
-    "turn_share": 0.05,
+    "drift_share": 0.01,
+    "turn_share": 0.01,
     "gate_sigmas": 4.0,
     "alarm_nis": 5.0,
 }

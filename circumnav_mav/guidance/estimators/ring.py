@@ -19,6 +19,9 @@ LIKELY = 6.0
 CHANGE = 1.0
 """How much likelier another hypothesis must be before the vehicle flies on it."""
 
+TWIN = 3.0
+"""A kind of air that was given up starts again from the leader, this much less likely (natural logarithm)."""
+
 ALARM_SHARE = 0.04
 """Weight of one reading in the smoothed normalised innovation: the alarm remembers about 25 readings."""
 
