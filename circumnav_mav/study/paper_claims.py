@@ -196,8 +196,6 @@ def markdown(rows: Sequence[Row]) -> str:
 
 def main(arguments: Sequence[str]) -> int:
     for title, part in PARTS:
-        if part is outer_law_alone and OUTER_ALONE not in LAWS:
-            continue
         print(f"### {title}\n\n{' '.join((part.__doc__ or '').split())}\n\n{markdown(list(part()))}\n", flush=True)
     if arguments:
         from circumnav_mav.study import setwise_figure

@@ -181,7 +181,7 @@ def tune(
     aircraft: Aircraft,
     *,
     seed: int = 1,
-    evaluations: int = 160,
+    evaluations: int = 120,
     runs: int = 12,
     fresh_runs: int = 100,
     keep_pair: bool = False,
