@@ -41,8 +41,9 @@ class AutopilotLink:
         """How often MAV_CMD_USER_1 came for this component: the operator's wish to be followed again."""
         self.autopilot_texts: list[str] = []
         self._wanted_hz = WANTED_HZ | (wanted_hz or {})
-        self._splitter = Splitter()
-        self._decoder = Decoder({*self.autopilot.messages, *OWN_MESSAGES, *subscribed})
+        read = {*self.autopilot.messages, *OWN_MESSAGES, *subscribed}
+        self._splitter = Splitter(read)
+        self._decoder = Decoder(read)
         self._packer = Packer(1, COMPANION_COMPONENT)
         self._heartbeat_next_s = nan
         self._set_up_for: tuple[int | None, int] = (None, 0)
