@@ -30,7 +30,7 @@ RING = 16
 """Gaussians over the bearing at the start."""
 
 
-SPLIT = 0.22
+SPLIT = 0.16
 """A hypothesis longer across the line of sight than this share of the range is cut."""
 
 
