@@ -36,8 +36,8 @@ Progress = Callable[[int, int], None]
 KNOWN = frozenset(("r", "r_dot", "V", "u", "px", "py", "wx", "wy"))
 """What the plant tells a law without an estimator: the truth, with noise on r_dot."""
 
-CHUNK = 128
-"""Runs flown in one task."""
+CHUNK, FAR_CHUNK = 128, 1024
+"""Runs flown in one task: by a thread of this process, and by an executor, whose tasks cost about a millisecond each."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,13 +152,13 @@ def sweep(
     """Return RESULT rows (cases, runs). `executor` takes the tasks elsewhere; else threads, by default one a core."""
     rows = np.empty((len(cases), runs), RESULT)
     own = ThreadPoolExecutor(workers or os.cpu_count() or 1) if executor is None else None
-    pool = own or executor
+    pool, chunk = own or executor, CHUNK if executor is None else FAR_CHUNK
     assert pool is not None
     try:
         tasks = {
-            pool.submit(fly, one, seed, first, min(CHUNK, runs - first)): (index, first)
+            pool.submit(fly, one, seed, first, min(chunk, runs - first)): (index, first)
             for index, one in enumerate(cases)
-            for first in range(0, runs, CHUNK)
+            for first in range(0, runs, chunk)
         }
         for done, future in enumerate(as_completed(tasks), start=1):
             index, first = tasks[future]
