@@ -127,6 +127,11 @@ class AutopilotLink:
         request = (float(by_name("CURRENT_MODE").msgid),)
         return self._command(Command(enums.MAV_CMD_REQUEST_MESSAGE, request + (0.0,) * 6, "mode"))
 
+    def reconnected(self, now_s: float) -> bytes:
+        """The link was lost and is back: set it up again, its settings went with it; then as after any gap."""
+        self._set_up_for = (None, 0)
+        return self.after_gap(now_s)
+
     def statustext(self, text: str, severity: int) -> bytes:
         """Return a STATUSTEXT for the ground station; the autopilot forwards it."""
         cut = text.encode("ascii", "replace")[:STATUSTEXT_LENGTH]
