@@ -18,6 +18,7 @@ MAGIC_1, MAGIC_2 = 0xFE, 0xFD
 HEADER_1, HEADER_2 = 6, 10
 CHECKSUM, SIGNATURE = 2, 13
 SIGNED = 0x01
+NOISE_BYTES = 100
 
 
 class Frame(NamedTuple):
@@ -55,6 +56,19 @@ class LinkCounts:
     unknown: int = 0
     bad_crc: int = 0
     rubbish_bytes: int = 0
+
+    @property
+    def understood(self) -> int:
+        """Frames whose checksum proves them; one of an unknown id may be noise."""
+        return self.frames - self.unknown
+
+    @property
+    def noise(self) -> bool:
+        """Whether what comes is not MAVLink at all (a wrong baud rate, another protocol).
+
+        Of the places in noise that look like a frame, one in 65,536 has the right checksum.
+        """
+        return self.rubbish_bytes > NOISE_BYTES * (1 + self.understood)
 
 
 class Splitter:

@@ -143,6 +143,11 @@ class AutopilotLink:
         request = (float(by_name("CURRENT_MODE").msgid),)
         return self._command(Command(enums.MAV_CMD_REQUEST_MESSAGE, request + (0.0,) * 6, "mode"))
 
+    def reconnected(self, now_s: float) -> bytes:
+        """The link was lost and is back: set it up again, its settings went with it; then as after any gap."""
+        self._set_up_for = (None, 0)
+        return self.after_gap(now_s)
+
     def statustext(self, text: str, severity: int) -> list[bytes]:
         """Return a text for the ground station, which the autopilot forwards: in chunks where it is long."""
         raw = text.encode("ascii", "replace")
