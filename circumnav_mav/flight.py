@@ -18,13 +18,13 @@ from circumnav_mav.guidance.computer import Decision, GuidanceComputer, Status
 from circumnav_mav.guidance.kernel import Motion
 from circumnav_mav.guidance.phases import Phase
 from circumnav_mav.mavlink import px4_modes
-from circumnav_mav.mavlink.codec import Decoder, Frame, Message, Splitter
-from circumnav_mav.mavlink.dialect import enums, layout
+from circumnav_mav.mavlink.codec import Frame
+from circumnav_mav.mavlink.dialect import enums
 from circumnav_mav.mavlink.engage import AutoEngage, Step
 from circumnav_mav.mavlink.link import AutopilotLink
 from circumnav_mav.mavlink.offboard import Control
 from circumnav_mav.mavlink.setpoints import ENCODERS, SetpointLimits
-from circumnav_mav.ranging import MessageReceiver, Settings, open_receiver
+from circumnav_mav.range_feed import RangeFeed
 from circumnav_mav.types import RangeSample, Rejected
 
 VEHICLE, RANGING = "vehicle", "ranging"
@@ -32,6 +32,7 @@ VEHICLE, RANGING = "vehicle", "ranging"
 
 HAND_OVER = {"hold": px4_modes.HOLD, "return": px4_modes.RETURN, "land": px4_modes.LAND, "stop": None}
 WARNING, INFO = 4, 6
+MOVING_M_S = 1.0
 TEXT_SEVERITY = {Phase.RELEASED: WARNING, Phase.RANGE_LOST: WARNING}
 """MAV_SEVERITY of what a phase says; INFO for the others."""
 
@@ -72,22 +73,8 @@ class Flight:
 
     def __init__(self, config: Config) -> None:
         self._config = config
-        r = config.ranging
-        settings = Settings(
-            from_=r.sender,
-            sensor_id=r.sensor_id,
-            beacon_id=r.beacon_id,
-            orientation=r.orientation,
-            bias_m=r.bias_m,
-            max_age_s=r.max_age_s,
-            latency_s=r.latency_s,
-        )
-        receiver = open_receiver(r.source, settings)
-        assert isinstance(receiver, MessageReceiver)
-        self._receiver = receiver
-        self._ranging_messages = {shape.name for i in receiver.message_ids if (shape := layout(i))}
-        self.link = AutopilotLink(self._ranging_messages)
-        self._second = RangingLink(self._ranging_messages) if r.endpoint else None
+        self.ranges = RangeFeed(config.ranging)
+        self.link = AutopilotLink(() if self.ranges.own_link else self.ranges.messages)
         self.computer = GuidanceComputer(guidance_settings(config))
         limits = SetpointLimits(config.limits.turn_rate_rad_s, config.orbit.speed_m_s)
         self._encoder = ENCODERS[config.vehicle.kind](limits, config.vehicle.lead_s)
@@ -98,7 +85,7 @@ class Flight:
         self.end_reason = ""
         self._newest_range_m = nan
         self._sent_rad_s = nan
-        self._sent_last = False
+        self._invited = False
         self._latch_commands = 0
         self._phase = self.computer.phase
         self._failures_told = 0
@@ -110,26 +97,20 @@ class Flight:
 
     def receive(self, data: bytes, now_s: float, link: str = VEHICLE, *, whole: bool = True) -> list[Frame]:
         """Take in what arrived on a link at `now_s`; return its frames, for the recorder."""
-        if link == RANGING and self._second is not None:
-            frames, messages = self._second.receive(data, whole=whole)
+        if link == RANGING and self.ranges.own_link:
+            self.ranges.on_vehicle(self.link.autopilot.sysid, moving=self._moving())
+            frames, results = self.ranges.on_bytes(data, now_s, whole=whole)
         else:
             frames, messages = self.link.receive(data, now_s, whole=whole)
-        if self._second is None or link == RANGING:
-            for message in messages:
-                if message.name in self._ranging_messages:
-                    self._on_range(message, now_s)
+            self.ranges.on_vehicle(self.link.autopilot.sysid, moving=self._moving())
+            results = [] if self.ranges.own_link else self.ranges.on_messages(messages, now_s)
+        for result in results:
+            self._on_range(result, now_s)
         return frames
 
-    def _on_range(self, message: Message, now_s: float) -> None:
+    def _on_range(self, result: RangeSample | Rejected, now_s: float) -> None:
         if self.was_away(now_s):
-            self._count(
-                Rejected(now_s, "waited", "it waited in the link while the loop was held up: its age is unknown")
-            )
-            return
-        sysid = self.link.autopilot.sysid
-        self._receiver.autopilot = None if sysid is None else (sysid, 1)
-        self._receiver.moving = self.link.autopilot.armed
-        result = self._receiver.on_message(message.sysid, message.compid, message.fields, now_s)
+            result = Rejected(now_s, "waited", "it waited in the link while the loop was held up: its age is unknown")
         if isinstance(result, RangeSample):
             self._newest_range_m = result.range_m
             rejected = self.computer.on_sample(result, self._motion(now_s), self._height_m(now_s))
@@ -137,6 +118,10 @@ class Flight:
                 return
             result = rejected
         self._count(result)
+
+    def _moving(self) -> bool:
+        """Whether a range that stands still must be a stuck one: only above a walking speed."""
+        return self.link.autopilot.speed_m_s > MOVING_M_S
 
     def _count(self, rejected: Rejected) -> None:
         self.rejected[str(rejected.reason)] += 1
@@ -182,6 +167,9 @@ class Flight:
             name, fields = self._encoder.encode(decision.setpoint, self._height_m(now_s))
             frames.append(link.setpoint(name, fields, now_s))
             self._sent_rad_s = decision.setpoint.turn_rate_rad_s
+            if decision.phase is Phase.READY and not self._invited:
+                self._invited = True
+                self._say(now_s, "ready: streaming, select Offboard to engage", INFO)
         frames += link.poll(now_s) + link.read_parameters(now_s)
         self._tell_failures(now_s)
         return frames, self._record(now_s, decision, lateness_s, missed_ticks)
@@ -241,6 +229,7 @@ class Flight:
         if phase is Phase.RANGE_LOST:
             action = self._config.on_range_lost
             self.link.authority.give_back(HAND_OVER[action], now_s, f"range lost: {action}")
+        self._invited = False
         self._say(now_s, f"{phase}: {decision.reason}", TEXT_SEVERITY.get(phase, INFO))
 
     def _say(self, now_s: float, text: str, severity: int) -> None:
@@ -293,16 +282,3 @@ class Flight:
             lateness_s,
             missed_ticks,
         )
-
-
-class RangingLink:
-    """A MAVLink endpoint of the ranging radio's own: only ranges are read from it."""
-
-    def __init__(self, subscribed: set[str]) -> None:
-        self._splitter = Splitter()
-        self._decoder = Decoder(subscribed)
-
-    def receive(self, data: bytes, *, whole: bool) -> tuple[list[Frame], list[Message]]:
-        """Take in bytes; return all frames and the ranging messages."""
-        frames = self._splitter.feed(data, whole=whole)
-        return frames, [m for f in frames if (m := self._decoder.decode(f)) is not None]

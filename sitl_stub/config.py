@@ -42,6 +42,12 @@ class StubConfig:
     gust_tau_s: float = 3.0  # correlation time of gusts
     height_drift_m_s: float = 0.04  # wander of the climb rate around the one commanded, standard deviation
 
+    compass_error_rad: float = 0.0  # the autopilot's yaw minus the true one (clockwise)
+    compass_wobble_rad: float = 0.0  # and a part that goes with the sine of the yaw (iron on board)
+    airspeed_scale: float = 1.0  # airspeed shown / true airspeed (fixed wing)
+    gps: bool = True  # without it there is no local position, and PX4 refuses what needs one
+    local_z_error_m: float = -0.46  # what LOCAL_POSITION_NED.z reads on the ground (PX4: -0.73 to 0.01 seen)
+
     radio: bool = True  # whether the vehicle carries the ranging radio
     range_sigma_m: float = 0.3
     range_bias_m: float = 0.0

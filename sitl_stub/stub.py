@@ -13,7 +13,16 @@ from sitl_stub.config import StubConfig
 from sitl_stub.link import Link
 from sitl_stub.modes import name_of
 from sitl_stub.sensors import Radio
-from sitl_stub.streams import BUILDERS, CURRENT_MODE, DISTANCE_SENSOR, GCS_HZ, ONBOARD_HZ, ZERO4
+from sitl_stub.streams import (
+    BUILDERS,
+    CURRENT_MODE,
+    DISTANCE_SENSOR,
+    FIXED_WING_HZ,
+    GCS_HZ,
+    NEED_POSITION,
+    ONBOARD_HZ,
+    ZERO4,
+)
 from sitl_stub.world import Truth, World
 
 AUTOPILOT = 1  # component id
@@ -39,9 +48,11 @@ class Stub:
         self.autopilot = Autopilot(self.config, self.config.step_s)
         self.radio = Radio(self.config) if self.config.radio else None
         seed = self.config.seed
-        self.links = {"offboard": Link("offboard", ONBOARD_HZ, seed), "gcs": Link("gcs", GCS_HZ, seed)}
-        if self.config.range_link == "ranging":
-            self.links["ranging"] = Link("ranging", {}, seed)
+        self._rates_hz = {"offboard": dict(ONBOARD_HZ), "gcs": dict(GCS_HZ), "ranging": {}}
+        if self.autopilot.fixed_wing:
+            self._rates_hz["offboard"].update(FIXED_WING_HZ)
+        names = ("offboard", "gcs", "ranging") if self.config.range_link == "ranging" else ("offboard", "gcs")
+        self.links = {name: Link(name, self._rates_hz[name], seed) for name in names}
         self._vehicle_links = [self.links["offboard"], self.links["gcs"]]
         self._later: list[tuple[float, int, Link, int, bytes]] = []
         self._later_count = 0
@@ -123,7 +134,7 @@ class Stub:
 
     def default_rates(self, link: Link) -> dict[int, float]:
         """Return the rates that a link boots with [Hz]."""
-        return ONBOARD_HZ if link.name == "offboard" else GCS_HZ
+        return self._rates_hz[link.name]
 
     def hear_distance(self, sender: str, fields: tuple[Any, ...]) -> None:
         """Publish a peer's DISTANCE_SENSOR inside the autopilot: one instance a sender, sent back on every link."""
@@ -179,6 +190,8 @@ class Stub:
         quiet = link.name in QUIET_UNTIL_HEARD and not link.seen
         for msgid in ready:
             if quiet and msgid != HEARTBEAT:
+                continue
+            if msgid in NEED_POSITION and not autopilot.commander.position_ok:
                 continue
             link.send(msgid, wire.pack(msgid, BUILDERS[msgid](autopilot)), sysid, AUTOPILOT)
             if msgid == DISTANCE_SENSOR and self._distances:

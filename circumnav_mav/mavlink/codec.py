@@ -5,13 +5,14 @@ Any bytes give frames or counts, never an exception. MAVLink 2 throughout; MAVLi
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from struct import Struct
 from typing import Any, NamedTuple
 
 from fastcrc.crc16 import mcrf4xx
 
-from circumnav_mav.mavlink.dialect import CRC_EXTRA, Layout, by_name, layout
+from circumnav_mav.mavlink.dialect import CRC_EXTRA, Layout, by_name, layout, quick
 
 MAGIC_1, MAGIC_2 = 0xFE, 0xFD
 HEADER_1, HEADER_2 = 6, 10
@@ -38,6 +39,11 @@ class Message(NamedTuple):
     compid: int
     seq: int
     fields: Any
+
+
+_frame: Callable[[tuple[int, int, int, int, bytes, bool]], Frame] = quick(Frame)
+_message: Callable[[tuple[str, int, int, int, Any]], Message] = quick(Message)
+_HEADER_1, _HEADER_2 = Struct("<6B"), Struct("<7BHB")
 
 
 @dataclass(slots=True)
@@ -69,31 +75,25 @@ class Splitter:
         counts = self.counts
         while at < size:
             magic = buf[at]
-            if magic == MAGIC_2:
+            if magic == MAGIC_2 and at + HEADER_2 <= size:
                 header = HEADER_2
-            elif magic == MAGIC_1:
+                _, length, flags, _, seq, sysid, compid, low, high = _HEADER_2.unpack_from(buf, at)
+                msgid = low | high << 16
+                end = at + HEADER_2 + length + CHECKSUM
+                if flags:
+                    if flags != SIGNED:  # the standard: a frame with unknown flags must not be understood
+                        at = self._skip(buf, at)
+                        continue
+                    end += SIGNATURE
+            elif magic == MAGIC_1 and at + HEADER_1 <= size:
                 header = HEADER_1
-            else:
-                at = self._skip(buf, at)
-                continue
-            if at + header > size:
-                if not whole:
-                    break
-                at = self._skip(buf, at)
-                continue
-            length = buf[at + 1]
-            if magic == MAGIC_2:
-                flags = buf[at + 2]
-                msgid = buf[at + 7] | buf[at + 8] << 8 | buf[at + 9] << 16
-                end = at + HEADER_2 + length + CHECKSUM + (SIGNATURE if flags & SIGNED else 0)
-                ids = at + 4
-                if flags & ~SIGNED:  # the standard: a frame with unknown flags must not be understood
-                    at = self._skip(buf, at)
-                    continue
-            else:
-                msgid = buf[at + 5]
+                _, length, seq, sysid, compid, msgid = _HEADER_1.unpack_from(buf, at)
                 end = at + HEADER_1 + length + CHECKSUM
-                ids = at + 2
+            elif magic in (MAGIC_1, MAGIC_2) and not whole:
+                break
+            else:
+                at = self._skip(buf, at)
+                continue
             if end > size:
                 if not whole:
                     break
@@ -113,7 +113,7 @@ class Splitter:
                 continue
             else:
                 counts.unknown += 1
-            frames.append(Frame(msgid, buf[ids + 1], buf[ids + 2], buf[ids], buf[at:end], extra is not None))
+            frames.append(_frame((msgid, sysid, compid, seq, buf[at:end], extra is not None)))
             at = end
         self._tail = b"" if whole else buf[at:]
         counts.frames += len(frames)
@@ -142,7 +142,7 @@ class Decoder:
             return None
         self.decoded += 1
         header = HEADER_2 if raw[0] == MAGIC_2 else HEADER_1
-        return Message(shape.name, sysid, compid, seq, shape.unpack(raw[header : header + raw[1]]))
+        return _message((shape.name, sysid, compid, seq, shape.unpack(raw[header : header + raw[1]])))
 
 
 class Packer:

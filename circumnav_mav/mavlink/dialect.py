@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections import namedtuple
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from struct import Struct
 from typing import Any
 
@@ -59,6 +59,11 @@ class Layout:
         return self.struct.pack(*flat).rstrip(b"\0") or b"\0"
 
 
+def quick(record: type[Any]) -> Callable[[tuple[Any, ...]], Any]:
+    """Return what makes a named tuple of a tuple of the right length, at a third of the cost of its `_make`."""
+    return partial(tuple.__new__, record)
+
+
 @cache
 def layout(msgid: int) -> Layout | None:
     """Return the layout of a message id, None where the dialect does not know it."""
@@ -70,7 +75,7 @@ def layout(msgid: int) -> Layout | None:
     strings = [kind == "char" for kind in _wire_types(cls)]
     lengths = tuple(1 if text else length for text, length in zip(strings, cls.lengths, strict=True))
     record = namedtuple(cls.msgname, names)  # type: ignore[misc]
-    return Layout(msgid, cls.msgname, cls.crc_extra, cls.unpacker, names, lengths, max(lengths) == 1, record._make)
+    return Layout(msgid, cls.msgname, cls.crc_extra, cls.unpacker, names, lengths, max(lengths) == 1, quick(record))
 
 
 def _wire_types(cls: Any) -> list[str]:
