@@ -230,6 +230,7 @@ class Flight:
         if self.link.latch_commands != self._latch_commands:
             self._latch_commands = self.link.latch_commands
             opened = authority.open_latch()
+            self._frames.append(self.link.answer_latch(opened))
             self._say(now_s, "latch opened" if opened else "latch kept: no settled mode", INFO if opened else WARNING)
 
     def _on_phase(self, now_s: float, decision: Decision) -> None:

@@ -26,7 +26,8 @@ PARAMETERS = ("COM_OF_LOSS_T", "COM_OBL_RC_ACT")
 PARAM_INT32 = 6
 STATUSTEXT_LENGTH = 50
 COMMANDS = frozenset({"COMMAND_LONG", "COMMAND_INT"})
-OWN_MESSAGES = ("COMMAND_ACK", "COMMAND_LONG", "COMMAND_INT", "TIMESYNC", "PARAM_VALUE", "STATUSTEXT")
+SETPOINTS = frozenset({"SET_POSITION_TARGET_LOCAL_NED", "SET_POSITION_TARGET_GLOBAL_INT", "SET_ATTITUDE_TARGET"})
+OWN_MESSAGES = ("COMMAND_ACK", *COMMANDS, "TIMESYNC", "PARAM_VALUE", "STATUSTEXT", *SETPOINTS)
 
 
 class AutopilotLink:
@@ -69,6 +70,9 @@ class AutopilotLink:
                 continue
             name = message[0]
             if autopilot.on_message(message, now_s):
+                if autopilot.reboots != self._reboots:
+                    self._reboots = autopilot.reboots
+                    self.authority.lost("the autopilot has restarted")
                 handler = handlers.get(name)
                 if handler is not None:
                     handler(message.fields, now_s)
@@ -76,6 +80,9 @@ class AutopilotLink:
                     continue
             elif name in COMMANDS:
                 self._command_for_us(message)
+                continue
+            elif name == "HEARTBEAT" or name in SETPOINTS:
+                self._watch_rivals(message, now_s)
                 continue
             if name not in OWN_MESSAGES:
                 others.append(message)
@@ -97,6 +104,18 @@ class AutopilotLink:
             self._timesync = fields.ts1
 
     _timesync: int | None = None
+    _reboots: int = 0
+    _latch_asked_by: tuple[int, int] = (0, 0)
+
+    def _watch_rivals(self, message: Message, now_s: float) -> None:
+        """Our own frames never come back to us: what speaks as we do, or flies what we fly, is somebody else."""
+        vehicle = self.autopilot.sysid or 1
+        who = f"system {message.sysid} component {message.compid}"
+        if message.name in SETPOINTS:
+            if message.fields.target_system in (0, vehicle) and self.autopilot.sysid is not None:
+                self.authority.rival(now_s, who, flies=True)
+        elif (message.sysid, message.compid) == (vehicle, COMPANION_COMPONENT):
+            self.authority.rival(now_s, who, flies=False)
 
     def _for_us(self, fields: Any) -> bool:
         return fields.target_system in (0, self._packer.sysid) and fields.target_component in (0, COMPANION_COMPONENT)
@@ -105,6 +124,7 @@ class AutopilotLink:
         fields = message.fields
         if fields.command == enums.MAV_CMD_USER_1 and self._for_us(fields) and fields.target_component:
             self.latch_commands += 1
+            self._latch_asked_by = (message.sysid, message.compid)
 
     def _on_parameter(self, fields: Any, now_s: float) -> None:
         name = fields.param_id.split(b"\0")[0].decode("ascii", "replace")
@@ -147,6 +167,19 @@ class AutopilotLink:
         """The link was lost and is back: set it up again, its settings went with it; then as after any gap."""
         self._set_up_for = (None, 0)
         return self.after_gap(now_s)
+
+    def answer_latch(self, opened: bool) -> bytes:
+        """Return the COMMAND_ACK for the operator's MAV_CMD_USER_1."""
+        system, component = self._latch_asked_by
+        return self._packer.pack(
+            "COMMAND_ACK",
+            command=enums.MAV_CMD_USER_1,
+            result=enums.MAV_RESULT_ACCEPTED if opened else enums.MAV_RESULT_TEMPORARILY_REJECTED,
+            progress=0,
+            result_param2=0,
+            target_system=system,
+            target_component=component,
+        )
 
     def statustext(self, text: str, severity: int) -> list[bytes]:
         """Return a text for the ground station, which the autopilot forwards: in chunks where it is long."""
