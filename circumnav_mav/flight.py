@@ -15,23 +15,24 @@ from typing import NamedTuple
 from circumnav_mav.config import Config, guidance_settings
 from circumnav_mav.guidance.computer import Decision, GuidanceComputer, Status
 from circumnav_mav.guidance.kernel import Motion
-from circumnav_mav.guidance.phases import Phase
-from circumnav_mav.mavlink import px4_modes
+from circumnav_mav.guidance.phases import ENGAGED, Phase
 from circumnav_mav.mavlink.codec import Decoder, Frame, Message, Splitter
 from circumnav_mav.mavlink.dialect import enums, layout
 from circumnav_mav.mavlink.engage import AutoEngage, Step
 from circumnav_mav.mavlink.link import AutopilotLink
 from circumnav_mav.mavlink.offboard import Control
-from circumnav_mav.mavlink.setpoints import ENCODERS, SetpointLimits
+from circumnav_mav.mavlink.vehicles import VEHICLES
+from circumnav_mav.mavlink.vehicles.fitness import Fitness, Unfit
 from circumnav_mav.ranging import MessageReceiver, Settings, open_receiver
 from circumnav_mav.types import RangeSample, Rejected
 
 VEHICLE, RANGING = "vehicle", "ranging"
 """Names of the two links. Ranges come on the first unless ranging.endpoint opens the second."""
 
-HAND_OVER = {"hold": px4_modes.HOLD, "return": px4_modes.RETURN, "land": px4_modes.LAND, "stop": None}
 TEXT_SEVERITY = {Phase.RELEASED: 4, Phase.RANGE_LOST: 4}
 INFO = 6
+UNFIT_TOLD_AFTER_S = 4.0
+"""Streams take a moment to begin after they are asked for."""
 
 
 class TickRecord(NamedTuple):
@@ -84,12 +85,18 @@ class Flight:
         assert isinstance(receiver, MessageReceiver)
         self._receiver = receiver
         self._ranging_messages = {shape.name for i in receiver.message_ids if (shape := layout(i))}
-        self.link = AutopilotLink(self._ranging_messages)
+        vehicle = config.vehicle_class
+        self._vehicle, self.words = vehicle, vehicle.words
+        self.link = AutopilotLink(self._ranging_messages, vehicle.messages_hz, vehicle.words)
         self._second = RangingLink(self._ranging_messages) if r.endpoint else None
         self.computer = GuidanceComputer(guidance_settings(config))
-        limits = SetpointLimits(config.limits.turn_rate_rad_s, config.orbit.speed_m_s)
-        self._encoder = ENCODERS[config.vehicle.kind](limits, config.vehicle.lead_s)
-        self._auto = AutoEngage(self.link, config.orbit.height_m or nan) if config.engage == "auto" else None
+        self._encoder = vehicle.encoder(config.encoder_options())
+        self._fitness = Fitness(vehicle, VEHICLES.values())
+        self.unfit: Unfit | None = None
+        """Why the autopilot that is heard cannot be flown by this vehicle class."""
+        self._auto: AutoEngage | None = None
+        if config.engage == "auto" and vehicle.take_off is not None:
+            self._auto = AutoEngage(self.link, vehicle.take_off, config.orbit.height_m or nan)
         self.events: list[Event] = []
         self.rejected: Counter[str] = Counter()
         self.engaged_s = nan
@@ -100,6 +107,8 @@ class Flight:
         self._latch_commands = 0
         self._phase = self.computer.phase
         self._failures_told = 0
+        self._unfit_since_s = nan
+        self._unfit_told = ""
 
     # -- bytes in ---------------------------------------------------------------------------------------------------
 
@@ -137,15 +146,17 @@ class Flight:
         """Decide and return (frames to send now, the record of this tick)."""
         link, authority = self.link, self.link.authority
         self._follow_operator(now_s)
+        self._judge(now_s)
         if self._auto is not None and link.autopilot.heard(now_s):
             self._auto.tick(now_s, ready=self.computer.phase is Phase.READY)
         decision = self.computer.tick(now_s, self._status(now_s))
         frames = self._on_phase(now_s, decision)
         self._sent_rad_s = nan
         if decision.setpoint is not None and authority.may_stream(now_s):
-            name, fields = self._encoder.encode(decision.setpoint, self._height_m(now_s))
-            frames.append(link.setpoint(name, fields, now_s))
-            self._sent_rad_s = decision.setpoint.turn_rate_rad_s
+            encoded = self._encoder.encode(decision.setpoint, link.autopilot.state(now_s), now_s)
+            if encoded is not None:
+                frames.append(link.setpoint(*encoded, now_s))
+                self._sent_rad_s = decision.setpoint.turn_rate_rad_s
         frames += link.poll(now_s) + link.read_parameters(now_s)
         self._tell_failures(now_s)
         return frames, self._record(now_s, decision, lateness_s, missed_ticks)
@@ -166,13 +177,17 @@ class Flight:
 
     @property
     def problem(self) -> str:
-        """What the engage sequence failed on; empty while all is well."""
+        """Why this flight cannot be: the wrong autopilot, or what engaging failed on; empty while all is well."""
+        if self.unfit is not None and self.unfit.final:
+            return self.unfit.text
         return self._auto.problem if self._auto else ""
 
     @property
     def waiting_for(self) -> str:
         """What a person at the terminal should know while nothing flies yet."""
         phase = self.computer.phase
+        if self.unfit is not None:
+            return self.unfit.text
         if phase is Phase.READY and self._auto is not None and self._auto.step is not Step.LEFT_TO_PILOT:
             return self._auto.step.value
         return ""
@@ -181,7 +196,7 @@ class Flight:
         authority = self.link.authority
         control = authority.control
         return Status(
-            heard=self.link.autopilot.heard(now_s),
+            heard=self.link.autopilot.heard(now_s) and self.unfit is None,
             held=control in (Control.HELD, Control.GIVING_BACK),
             released=control is Control.RELEASED,
             ending=bool(self.end_reason) and control is not Control.ASKED,
@@ -190,10 +205,25 @@ class Flight:
             height_m=self._height_m(now_s),
         )
 
+    def _judge(self, now_s: float) -> None:
+        """Look whether the autopilot is the one for this vehicle class; say when a pilot may engage."""
+        ap, before = self.link.autopilot, self.unfit
+        self.unfit = self._fitness.unfit(ap, now_s)
+        if self.unfit is not None:
+            self.link.ask_for(self._fitness.ask_again(ap, now_s))
+            if before is None or self.unfit.text != before.text:
+                self._unfit_since_s = now_s
+            if now_s - self._unfit_since_s > UNFIT_TOLD_AFTER_S and self.unfit.text != self._unfit_told:
+                self._unfit_told = self.unfit.text
+                self._tell(now_s, self.unfit.text, 4)
+        left_to_pilot = self._auto is None or self._auto.step is Step.LEFT_TO_PILOT
+        if self.computer.phase is Phase.READY and left_to_pilot:
+            self.link.authority.ready(now_s)
+
     def _follow_operator(self, now_s: float) -> None:
         authority = self.link.authority
         if self.end_reason and authority.control is Control.HELD:
-            authority.give_back(px4_modes.HOLD, now_s, self.end_reason)
+            authority.give_back(self.words.hold, now_s, self.end_reason)
         if self.link.latch_commands != self._latch_commands:
             self._latch_commands = self.link.latch_commands
             opened = authority.open_latch()
@@ -203,12 +233,15 @@ class Flight:
         phase = decision.phase
         if phase is self._phase:
             return []
-        self._phase = phase
+        before, self._phase = self._phase, phase
         if phase is Phase.ACQUIRING and not now_s >= self.engaged_s:
             self.engaged_s = now_s
+        if phase in ENGAGED and before not in ENGAGED:
+            for command in self._encoder.engaged(self.link.autopilot.state(now_s), self.computer.hold_height_m):
+                self.link.commands.add(command)
         if phase is Phase.RANGE_LOST:
             action = self._config.on_range_lost
-            self.link.authority.give_back(HAND_OVER[action], now_s, f"range lost: {action}")
+            self.link.authority.give_back(self.words.hand_over(action), now_s, f"range lost: {action}")
         severity = TEXT_SEVERITY.get(phase, INFO)
         self._tell(now_s, f"{phase}: {decision.reason}", severity)
         if self.link.autopilot.sysid is None:
@@ -230,7 +263,11 @@ class Flight:
         turn_rate = ap.turn_rate_rad_s(now_s)
         if turn_rate != turn_rate:  # NaN: not measured, so what was asked
             turn_rate = self._sent_rad_s
-        speed = ap.speed_m_s if now_s - ap.velocity_s <= 1.0 else nan
+        speed = nan  # believed: as configured
+        if self._vehicle.speed == "ground":
+            speed = ap.ground_speed_m_s(now_s)
+        elif self._vehicle.speed == "air":
+            speed = ap.true_airspeed_m_s(now_s)
         return Motion(V=speed, u=turn_rate, psi=ap.heading_rad(now_s))
 
     def _height_m(self, now_s: float) -> float:
@@ -243,7 +280,7 @@ class Flight:
             now_s,
             decision.phase,
             self.link.authority.control,
-            px4_modes.name(ap.custom_mode) if ap.custom_mode is not None else "",
+            self.words.name(ap.custom_mode) if ap.custom_mode is not None else "",
             estimate.r if estimate else nan,
             estimate.r_dot if estimate else nan,
             self._newest_range_m,
