@@ -111,7 +111,6 @@ def attitude(
         "body_pitch_rate": 0.0,
         "body_yaw_rate": yaw_rate_rad_s,
         "thrust": thrust,
-        "thrust_body": (0.0, 0.0, 0.0),
     }
 
 
