@@ -39,6 +39,20 @@ def onward(place: Place, t_s: float, motion: Motion) -> Place:
     return Place(t_s, place.x + chord * cos(course), place.y + chord * sin(course), place.heading + turn, north)
 
 
+def between(a: Place, b: Place, motion: Motion) -> Moved:
+    """Return the motion from one place to another, with the speed and turn rate of `motion` at the second."""
+    dx, dy, c, s = b.x - a.x, b.y - a.y, cos(a.heading), sin(a.heading)
+    return Moved(
+        b.t_s - a.t_s,
+        dx * c + dy * s,
+        dy * c - dx * s,
+        b.heading - a.heading,
+        motion.V,
+        motion.u,
+        b.heading + b.north,
+    )
+
+
 class Trail:
     """The last `span_s` seconds of dead reckoning."""
 
@@ -84,7 +98,4 @@ class Trail:
 
     def between(self, a: Place, b: Place, motion: Motion) -> Moved:
         """Return the motion from one place to another, with the speed and turn rate of `motion` at the second."""
-        V, u, _ = self.known(motion)
-        dx, dy, c, s = b.x - a.x, b.y - a.y, cos(a.heading), sin(a.heading)
-        turn = b.heading - a.heading
-        return Moved(b.t_s - a.t_s, dx * c + dy * s, dy * c - dx * s, turn, V, u, b.heading + b.north)
+        return between(a, b, self.known(motion))

@@ -147,10 +147,18 @@ class AutopilotLink:
         request = (float(by_name("CURRENT_MODE" if self.words.tells_intention else "HEARTBEAT").msgid),)
         return self._command(Command(enums.MAV_CMD_REQUEST_MESSAGE, request + (0.0,) * 6, "mode"))
 
-    def statustext(self, text: str, severity: int) -> bytes:
-        """Return a STATUSTEXT for the ground station; the autopilot forwards it."""
-        cut = text.encode("ascii", "replace")[:STATUSTEXT_LENGTH]
-        return self._packer.pack("STATUSTEXT", severity=severity, text=cut, id=0, chunk_seq=0)
+    def statustext(self, text: str, severity: int) -> list[bytes]:
+        """Return a text for the ground station, which the autopilot forwards: in chunks where it is long."""
+        raw = text.encode("ascii", "replace")
+        chunks = [raw[i : i + STATUSTEXT_LENGTH] for i in range(0, len(raw), STATUSTEXT_LENGTH)]
+        self._text_id = self._text_id % 0xFFFF + 1 if len(chunks) > 1 else self._text_id
+        text_id = self._text_id if len(chunks) > 1 else 0
+        return [
+            self._packer.pack("STATUSTEXT", severity=severity, text=chunk, id=text_id, chunk_seq=i)
+            for i, chunk in enumerate(chunks)
+        ]
+
+    _text_id: int = 0
 
     def _heartbeat(self) -> bytes:
         return self._packer.pack(

@@ -86,8 +86,12 @@ def case(law: str, options: dict[str, float], plant: Plant, stream: int = 0) -> 
         raise ValueError("start somewhere else than on the target itself: there is no range rate there")
     if plant.steps < 1 or not 0.0 < plant.tail <= 1.0:
         raise ValueError("the run must last at least one hold, and the tail be a share above 0 and up to 1")
-    context = LawContext(r_a=plant.r_a_m, V=plant.V_m_s, turn_rate_limit=math.inf, turn_lag_s=0.0)
-    return Case(law, entry.parameters(options, context), plant, stream)
+    return Case(law, entry.parameters(options, law_context(plant)), plant, stream)
+
+
+def law_context(plant: Plant) -> LawContext:
+    """Return what a law may know of this plant: it turns at once and as sharply as asked."""
+    return LawContext(r_a=plant.r_a_m, V=plant.V_m_s, turn_rate_limit=math.inf, turn_lag_s=0.0)
 
 
 def normals(seed: int, stream: int, first: int, count: int, steps: int) -> core.Floats:
