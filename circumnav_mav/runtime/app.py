@@ -172,6 +172,8 @@ class App:
         if now_s >= self._end_by_s:
             return "stopped", "the autopilot did not confirm the end; setpoints have stopped"
         if now_s >= options.wait_s and not flight.engaged_s < inf:
+            if flight.unfit is not None:
+                return "refused", flight.unfit.text
             if phase is Phase.WAITING_AUTOPILOT:
                 return "no_autopilot", no_autopilot(self._config.vehicle.link, flight)
             if phase is Phase.WAITING_RANGE:
@@ -241,7 +243,7 @@ class App:
             return no_range(self.flight)
         if phase is Phase.READY:
             why_not = self.flight.link.authority.why_not(now_s)
-            return why_not or "select Offboard to engage"
+            return why_not or f"select {self.flight.words.ours_name} to engage"
         return ""
 
 
