@@ -17,11 +17,13 @@ from circumnav_mav.mavlink.codec import Decoder, Frame, Message, Packer, Splitte
 from circumnav_mav.mavlink.commands import Command, CommandQueue
 from circumnav_mav.mavlink.dialect import by_name, enums
 from circumnav_mav.mavlink.modes import ModeWords
-from circumnav_mav.mavlink.offboard import Authority, ModeRequest
+from circumnav_mav.mavlink.offboard import Authority, ModeRequest, Seen
 from circumnav_mav.mavlink.streams import WANTED_HZ, interval_us, unwanted
 
 COMPANION_COMPONENT = 191
 HEARTBEAT_S = 1.0
+ASK_MODE_S = 0.1
+"""While the mode is not known, it is asked for so often: PX4 gives up a silent companion after about a second."""
 NEED_HZ = 1.0
 """Rate to ask for what a vehicle class needs to hear, without flying on it."""
 PARAM_INT32 = 6
@@ -54,6 +56,7 @@ class AutopilotLink:
         self._decoder = Decoder(read)
         self._packer = Packer(1, COMPANION_COMPONENT)
         self._heartbeat_next_s = nan
+        self._ask_mode_next_s = nan
         self._set_up_for: tuple[int | None, int] = (None, 0)
         self.counts = self._splitter.counts
         self._theirs_alone = frozenset(self.autopilot.messages) - set(subscribed)
@@ -156,6 +159,8 @@ class AutopilotLink:
             due.append(self._packer.pack("TIMESYNC", tc1=int(now_s * 1e9), ts1=self._timesync))
             self._timesync = None
         due += [self._command(command) for command in self.commands.poll(now_s)]
+        if self.authority.seen() is Seen.NOTHING and not now_s < self._ask_mode_next_s:
+            due.append(self._ask_mode(now_s))  # the last answer may have been lost
         due += [self._mode(request) for request in self.authority.poll(now_s)]
         return due
 
@@ -167,6 +172,11 @@ class AutopilotLink:
     def after_gap(self, now_s: float) -> bytes:
         """The app was away: believe nothing older than now; return a request for the mode, so as to know it soon."""
         self.authority.gap(now_s)
+        return self._ask_mode(now_s)
+
+    def _ask_mode(self, now_s: float) -> bytes:
+        """Return a request for the message that shows the mode."""
+        self._ask_mode_next_s = now_s + ASK_MODE_S
         request = (float(by_name("CURRENT_MODE" if self.words.tells_intention else "HEARTBEAT").msgid),)
         return self._command(Command(enums.MAV_CMD_REQUEST_MESSAGE, request + (0.0,) * 6, "mode"))
 
