@@ -37,7 +37,7 @@ KNOWN = frozenset(("r", "r_dot", "V", "u", "px", "py", "wx", "wy"))
 """What the plant tells a law without an estimator: the truth, with noise on r_dot."""
 
 CHUNK, FAR_CHUNK = 128, 1024
-"""Runs flown in one task: by a thread of this process, and by an executor, whose tasks cost about a millisecond each."""
+"""Runs flown in one task: by a thread of this process, and by an executor, whose tasks cost a millisecond each."""
 
 
 @dataclass(frozen=True, slots=True)
