@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import re
 from collections.abc import Iterator
 from math import nan
 from pathlib import Path as FilePath
@@ -17,12 +18,19 @@ from circumnav_mav.guidance.estimators import ESTIMATORS
 from circumnav_mav.guidance.kernel import LawContext
 from circumnav_mav.guidance.laws import LAWS
 from circumnav_mav.mavlink.setpoints import ENCODERS
-from circumnav_mav.ranging import SOURCES
+from circumnav_mav.ranging import SOURCES, ByteSource
+from circumnav_mav.ranging.receiver import check_options
 
 Where = tuple[str | int, ...]
 
 
 def _link(text: str) -> str:
+    if endpoint.parse(text).kind == "file":
+        raise ValueError("a file is no link to an autopilot: write " + endpoint.FORMS)
+    return text
+
+
+def _source(text: str) -> str:
     endpoint.parse(text)
     return text
 
@@ -42,6 +50,7 @@ def _nearest(word: str, known: Any) -> str:
 
 
 Link = Annotated[str, AfterValidator(_link)]
+RangingEndpoint = Annotated[str, AfterValidator(_source)]
 Positive = Annotated[FiniteFloat, Field(gt=0)]
 NotNegative = Annotated[FiniteFloat, Field(ge=0)]
 
@@ -57,26 +66,39 @@ class Vehicle(Section):
 
     kind: Annotated[str, _one_of("vehicle class", ENCODERS)] = Field("px4_multirotor", alias="class")
     link: Link = "udpin://0.0.0.0:14540"
+    signing_key_file: str | None = None
     lead_s: NotNegative = Field(0.6, le=2.0)
 
 
 class Ranging(Section):
-    """The range: where it comes from and which ones count."""
+    """The range: where it comes from and which ones count. Further keys are options of the source."""
+
+    model_config = ConfigDict(extra="allow", frozen=True, populate_by_name=True, protected_namespaces=())
 
     source: Annotated[str, _one_of("ranging source", SOURCES)] = "distance_sensor"
-    endpoint: Link | None = None
+    endpoint: RangingEndpoint | None = None
     sender: tuple[Annotated[int, Field(ge=1, le=255)], Annotated[int, Field(ge=1, le=255)]] | None = Field(
         None, alias="from"
     )
     sensor_id: int | None = Field(None, ge=0, le=255)
     beacon_id: int | None = Field(None, ge=0)
     orientation: int | None = Field(None, ge=0, le=255)
+    min_m: NotNegative | None = None
+    max_m: Positive | None = None
+    min_quality_pct: float | None = Field(None, ge=0, le=100)
+    stuck_s: NotNegative | None = None
+    use_stamps: bool = True
     max_age_s: Positive = 1.0
     coast_s: NotNegative = 20.0
     bias_m: FiniteFloat = 0.0
     latency_s: NotNegative = 0.0
     sigma_m: Positive = 0.3
     target_height_m: FiniteFloat | None = None
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """Return the keys that are the source's own."""
+        return dict(self.__pydantic_extra__ or {})
 
 
 class Orbit(Section):
@@ -265,8 +287,40 @@ def cross_checks(config: Config) -> Iterator[tuple[str, str]]:
         yield "ranging.max_age_s", "shorter than two ticks of loop.rate_hz: every range would be stale"
     if config.engage == "auto" and orbit.height_m is None:
         yield "engage", "auto takes off by itself and needs orbit.height_m, the height to climb to"
+    yield from _ranging_checks(config.ranging)
     if config.ranging.sender and config.ranging.sender[1] == 1:
         yield "ranging.from", "component 1 is the autopilot: its own range finder and its echoes are never flown on"
+
+
+def _ranging_checks(ranging: Ranging) -> Iterator[tuple[str, str]]:
+    source = SOURCES[ranging.source]
+    own = list(source.options) if isinstance(source, ByteSource) else []
+    unknown = [key for key in ranging.options if key not in own]
+    known = [*_keys_at(("ranging",)), *own]
+    yield from ((f"ranging.{key}", f"no such key for {source.name}{_nearest(key, known)}") for key in unknown)
+    if isinstance(source, ByteSource):
+        if not unknown:
+            yield from _option_faults(source, ranging.options)
+        if ranging.endpoint is None:
+            yield (
+                "ranging.endpoint",
+                f"{source.name} is a device of its own: say where, as in serial:///dev/ttyUSB0:{source.baud}",
+            )
+    if ranging.endpoint and endpoint.parse(ranging.endpoint).kind == "file" and source.name != "replay":
+        yield "ranging.endpoint", f"a file is read by the source replay, not by {source.name}"
+    if ranging.min_m is not None and ranging.max_m is not None and ranging.min_m >= ranging.max_m:
+        yield "ranging.min_m", f"{ranging.min_m:g} m is not below ranging.max_m, {ranging.max_m:g} m"
+
+
+def _option_faults(source: ByteSource, options: dict[str, Any]) -> Iterator[tuple[str, str]]:
+    """Yield what the source itself says of its options; its words begin with `ranging.KEY` or `ranging:`."""
+    try:
+        check_options(source, options)
+        source.decoder(options)
+    except ValueError as error:
+        match = re.match(r"ranging(?:\.(\w+))?:? (.*)", str(error), re.DOTALL)
+        key, words = (match[1], match[2]) if match else (None, str(error))
+        yield f"ranging.{key or 'source'}", words
 
 
 def _fault(error: Any, lines: _Lines) -> Fault:

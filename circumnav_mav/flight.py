@@ -9,6 +9,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Callable
 from math import inf, nan
 from typing import NamedTuple
 
@@ -17,21 +18,23 @@ from circumnav_mav.guidance.computer import Decision, GuidanceComputer, Status
 from circumnav_mav.guidance.kernel import Motion
 from circumnav_mav.guidance.phases import Phase
 from circumnav_mav.mavlink import px4_modes
-from circumnav_mav.mavlink.codec import Decoder, Frame, Message, Splitter
-from circumnav_mav.mavlink.dialect import enums, layout
+from circumnav_mav.mavlink.codec import Frame
+from circumnav_mav.mavlink.dialect import enums
 from circumnav_mav.mavlink.engage import AutoEngage, Step
 from circumnav_mav.mavlink.link import AutopilotLink
 from circumnav_mav.mavlink.offboard import Control
 from circumnav_mav.mavlink.setpoints import ENCODERS, SetpointLimits
-from circumnav_mav.ranging import MessageReceiver, Settings, open_receiver
+from circumnav_mav.range_feed import RangeFeed
 from circumnav_mav.types import RangeSample, Rejected
 
 VEHICLE, RANGING = "vehicle", "ranging"
 """Names of the two links. Ranges come on the first unless ranging.endpoint opens the second."""
 
 HAND_OVER = {"hold": px4_modes.HOLD, "return": px4_modes.RETURN, "land": px4_modes.LAND, "stop": None}
-TEXT_SEVERITY = {Phase.RELEASED: 4, Phase.RANGE_LOST: 4}
-INFO = 6
+WARNING, INFO = 4, 6
+MOVING_M_S = 1.0
+TEXT_SEVERITY = {Phase.RELEASED: WARNING, Phase.RANGE_LOST: WARNING}
+"""MAV_SEVERITY of what a phase says; INFO for the others."""
 
 
 class TickRecord(NamedTuple):
@@ -70,22 +73,8 @@ class Flight:
 
     def __init__(self, config: Config) -> None:
         self._config = config
-        r = config.ranging
-        settings = Settings(
-            from_=r.sender,
-            sensor_id=r.sensor_id,
-            beacon_id=r.beacon_id,
-            orientation=r.orientation,
-            bias_m=r.bias_m,
-            max_age_s=r.max_age_s,
-            latency_s=r.latency_s,
-        )
-        receiver = open_receiver(r.source, settings)
-        assert isinstance(receiver, MessageReceiver)
-        self._receiver = receiver
-        self._ranging_messages = {shape.name for i in receiver.message_ids if (shape := layout(i))}
-        self.link = AutopilotLink(self._ranging_messages)
-        self._second = RangingLink(self._ranging_messages) if r.endpoint else None
+        self.ranges = RangeFeed(config.ranging)
+        self.link = AutopilotLink(() if self.ranges.own_link else self.ranges.messages)
         self.computer = GuidanceComputer(guidance_settings(config))
         limits = SetpointLimits(config.limits.turn_rate_rad_s, config.orbit.speed_m_s)
         self._encoder = ENCODERS[config.vehicle.kind](limits, config.vehicle.lead_s)
@@ -96,30 +85,32 @@ class Flight:
         self.end_reason = ""
         self._newest_range_m = nan
         self._sent_rad_s = nan
-        self._sent_last = False
+        self._invited = False
         self._latch_commands = 0
         self._phase = self.computer.phase
         self._failures_told = 0
+        self._ticked_s = nan
+        self._stopped = False
+        self._frames: list[bytes] = []
 
     # -- bytes in ---------------------------------------------------------------------------------------------------
 
     def receive(self, data: bytes, now_s: float, link: str = VEHICLE, *, whole: bool = True) -> list[Frame]:
         """Take in what arrived on a link at `now_s`; return its frames, for the recorder."""
-        if link == RANGING and self._second is not None:
-            frames, messages = self._second.receive(data, whole=whole)
+        if link == RANGING and self.ranges.own_link:
+            self.ranges.on_vehicle(self.link.autopilot.sysid, moving=self._moving())
+            frames, results = self.ranges.on_bytes(data, now_s, whole=whole)
         else:
             frames, messages = self.link.receive(data, now_s, whole=whole)
-        if self._second is None or link == RANGING:
-            for message in messages:
-                if message.name in self._ranging_messages:
-                    self._on_range(message, now_s)
+            self.ranges.on_vehicle(self.link.autopilot.sysid, moving=self._moving())
+            results = [] if self.ranges.own_link else self.ranges.on_messages(messages, now_s)
+        for result in results:
+            self._on_range(result, now_s)
         return frames
 
-    def _on_range(self, message: Message, now_s: float) -> None:
-        sysid = self.link.autopilot.sysid
-        self._receiver.autopilot = None if sysid is None else (sysid, 1)
-        self._receiver.moving = self.link.autopilot.armed
-        result = self._receiver.on_message(message.sysid, message.compid, message.fields, now_s)
+    def _on_range(self, result: RangeSample | Rejected, now_s: float) -> None:
+        if self.was_away(now_s):
+            result = Rejected(now_s, "waited", "it waited in the link while the loop was held up: its age is unknown")
         if isinstance(result, RangeSample):
             self._newest_range_m = result.range_m
             rejected = self.computer.on_sample(result, self._motion(now_s), self._height_m(now_s))
@@ -128,32 +119,74 @@ class Flight:
             result = rejected
         self._count(result)
 
+    def _moving(self) -> bool:
+        """Whether a range that stands still must be a stuck one: only above a walking speed."""
+        return self.link.autopilot.speed_m_s > MOVING_M_S
+
     def _count(self, rejected: Rejected) -> None:
         self.rejected[str(rejected.reason)] += 1
 
     # -- the tick ---------------------------------------------------------------------------------------------------
 
+    def was_away(self, now_s: float) -> bool:
+        """Return whether the loop was held up for longer than half the loss timeout, or the process was stopped.
+
+        What arrived meanwhile waits in the links with no sign of its age, and the autopilot may fly on its own by now.
+        """
+        return self._stopped or now_s - self._ticked_s > self.link.authority.loss_timeout_s / 2
+
+    def stopped(self) -> None:
+        """The process was stopped and continues (SIGCONT): the next tick counts as one after a gap, however short."""
+        self._stopped = True
+
+    def resume(self, now_s: float, take_in: Callable[[], float]) -> tuple[float, list[bytes]]:
+        """Begin a tick: after a gap, `take_in` all that waits in the links, and believe no mode message older than now.
+
+        take_in returns the time when it is done. Return (the time to tick at, frames to send first). To be called
+        before every `tick`.
+        """
+        if not self.was_away(now_s):
+            return now_s, []
+        now_s = take_in()
+        self._stopped = False
+        self._say(now_s, "the loop was held up: no setpoint before a fresh mode message", WARNING)
+        return now_s, [self.link.after_gap(now_s)]
+
     def tick(self, now_s: float, lateness_s: float = 0.0, missed_ticks: int = 0) -> tuple[list[bytes], TickRecord]:
         """Decide and return (frames to send now, the record of this tick)."""
         link, authority = self.link, self.link.authority
+        self._ticked_s = now_s
         self._follow_operator(now_s)
         if self._auto is not None and link.autopilot.heard(now_s):
             self._auto.tick(now_s, ready=self.computer.phase is Phase.READY)
         decision = self.computer.tick(now_s, self._status(now_s))
-        frames = self._on_phase(now_s, decision)
+        self._on_phase(now_s, decision)
+        frames, self._frames = self._frames, []
         self._sent_rad_s = nan
         if decision.setpoint is not None and authority.may_stream(now_s):
             name, fields = self._encoder.encode(decision.setpoint, self._height_m(now_s))
             frames.append(link.setpoint(name, fields, now_s))
             self._sent_rad_s = decision.setpoint.turn_rate_rad_s
+            if decision.phase is Phase.READY and not self._invited:
+                self._invited = True
+                self._say(now_s, "ready: streaming, select Offboard to engage", INFO)
         frames += link.poll(now_s) + link.read_parameters(now_s)
         self._tell_failures(now_s)
         return frames, self._record(now_s, decision, lateness_s, missed_ticks)
 
-    def after_gap(self, now_s: float) -> list[bytes]:
-        """The loop was away for longer than half the loss timeout: send nothing until a newer mode message."""
-        self._tell(now_s, "the loop was held up: waiting for a fresh mode message before any setpoint", 4)
-        return [self.link.after_gap(now_s)]
+    def link_lost(self, link: str, now_s: float, words: str) -> None:
+        """A link broke. On the vehicle's, nothing is sent or believed until a mode message newer than the break."""
+        self._tell(now_s, f"{link} link lost: {words}", WARNING)
+        if link == VEHICLE:
+            self.link.authority.gap(now_s)
+
+    def link_back(self, link: str, now_s: float, words: str) -> list[bytes]:
+        """A link is open again; return what to send: on the vehicle's a request for the mode, and nothing else yet."""
+        self._tell(now_s, f"{link} link: {words}", INFO)
+        if link != VEHICLE:
+            return []
+        request = self.link.reconnected(now_s)
+        return [request] if self.link.autopilot.sysid is not None else []
 
     def end(self, reason: str) -> None:
         """Ask for a polite end: hold, then silence."""
@@ -197,23 +230,27 @@ class Flight:
         if self.link.latch_commands != self._latch_commands:
             self._latch_commands = self.link.latch_commands
             opened = authority.open_latch()
-            self._tell(now_s, "latch opened" if opened else "latch kept: no settled mode", INFO if opened else 4)
+            self._frames.append(self.link.answer_latch(opened))
+            self._say(now_s, "latch opened" if opened else "latch kept: no settled mode", INFO if opened else WARNING)
 
-    def _on_phase(self, now_s: float, decision: Decision) -> list[bytes]:
+    def _on_phase(self, now_s: float, decision: Decision) -> None:
         phase = decision.phase
         if phase is self._phase:
-            return []
+            return
         self._phase = phase
         if phase is Phase.ACQUIRING and not now_s >= self.engaged_s:
             self.engaged_s = now_s
         if phase is Phase.RANGE_LOST:
             action = self._config.on_range_lost
             self.link.authority.give_back(HAND_OVER[action], now_s, f"range lost: {action}")
-        severity = TEXT_SEVERITY.get(phase, INFO)
-        self._tell(now_s, f"{phase}: {decision.reason}", severity)
-        if self.link.autopilot.sysid is None:
-            return []
-        return [self.link.statustext(f"circumnav {phase}: {decision.reason}", severity)]
+        self._invited = False
+        self._say(now_s, f"{phase}: {decision.reason}", TEXT_SEVERITY.get(phase, INFO))
+
+    def _say(self, now_s: float, text: str, severity: int) -> None:
+        """Tell the log, the terminal and the ground station."""
+        self._tell(now_s, text, severity)
+        if self.link.autopilot.sysid is not None:
+            self._frames += self.link.statustext(f"circumnav {text}", severity)
 
     def _tell(self, now_s: float, text: str, severity: int) -> None:
         self.events.append(Event(now_s, text, severity))
@@ -222,7 +259,7 @@ class Flight:
         failures = self.link.commands.failures
         for failure in failures[self._failures_told :]:
             if failure.command.command != enums.MAV_CMD_SET_MESSAGE_INTERVAL:  # an autopilot may lack a stream
-                self._tell(now_s, str(failure), 4)
+                self._tell(now_s, str(failure), WARNING)
         self._failures_told = len(failures)
 
     def _motion(self, now_s: float) -> Motion:
@@ -259,16 +296,3 @@ class Flight:
             lateness_s,
             missed_ticks,
         )
-
-
-class RangingLink:
-    """A MAVLink endpoint of the ranging radio's own: only ranges are read from it."""
-
-    def __init__(self, subscribed: set[str]) -> None:
-        self._splitter = Splitter()
-        self._decoder = Decoder(subscribed)
-
-    def receive(self, data: bytes, *, whole: bool) -> tuple[list[Frame], list[Message]]:
-        """Take in bytes; return all frames and the ranging messages."""
-        frames = self._splitter.feed(data, whole=whole)
-        return frames, [m for f in frames if (m := self._decoder.decode(f)) is not None]

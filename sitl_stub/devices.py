@@ -82,7 +82,7 @@ class LinkTrack:
     """A Nooploop LinkTrack tag that ranges to one anchor."""
 
     def __init__(self, beacon_id: int = 1, frame: int = 3) -> None:
-        self._beacon_id, self._frame = beacon_id, frame
+        self._beacon_id, self._frame = _id_of("LinkTrack", beacon_id, 0xFF), frame
 
     def encode(self, range_m: float, range_rate_m_s: float, t_s: float) -> bytes:
         range_mm = _steps(range_m, 0.001, LINKTRACK_MOST_MM)
@@ -102,7 +102,7 @@ class Dwm1001Les:
     """A Qorvo DWM1001 tag in the PANS shell after `les`; an anchor that it does not hear is left out."""
 
     def __init__(self, beacon_id: int = 1) -> None:
-        self._beacon_id = beacon_id
+        self._beacon_id = _id_of("DWM1001", beacon_id, 0xFFFF)
 
     def encode(self, range_m: float, range_rate_m_s: float, t_s: float) -> bytes:
         if not _steps(range_m, 0.01, 999_999):
@@ -195,3 +195,9 @@ def _steps(range_m: float, step_m: float, most: int) -> int:
     if not math.isfinite(range_m) or not 0.0 < range_m <= most * step_m:
         return 0
     return round(range_m / step_m)
+
+
+def _id_of(device: str, beacon_id: int, most: int) -> int:
+    if not 0 <= beacon_id <= most:
+        raise ValueError(f"a {device} beacon has an id from 0 to {most}, not {beacon_id}")
+    return beacon_id

@@ -6,13 +6,13 @@ takes the app for a ground station.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Collection
 from math import isnan, nan
 from struct import pack, unpack
 from typing import Any
 
 from circumnav_mav.mavlink import px4_modes
-from circumnav_mav.mavlink.autopilot import AUTOPILOT_COMPONENT, MODE_MESSAGES, Autopilot
+from circumnav_mav.mavlink.autopilot import AUTOPILOT_COMPONENT, Autopilot
 from circumnav_mav.mavlink.codec import Decoder, Frame, Message, Packer, Splitter
 from circumnav_mav.mavlink.commands import Command, CommandQueue
 from circumnav_mav.mavlink.dialect import by_name, enums
@@ -25,13 +25,15 @@ PARAMETERS = ("COM_OF_LOSS_T", "COM_OBL_RC_ACT")
 """What the app reads of the autopilot's settings: when and how it acts if the setpoints stop."""
 PARAM_INT32 = 6
 STATUSTEXT_LENGTH = 50
-OWN_MESSAGES = ("COMMAND_ACK", "COMMAND_LONG", "COMMAND_INT", "TIMESYNC", "PARAM_VALUE", "STATUSTEXT")
+COMMANDS = frozenset({"COMMAND_LONG", "COMMAND_INT"})
+SETPOINTS = frozenset({"SET_POSITION_TARGET_LOCAL_NED", "SET_POSITION_TARGET_GLOBAL_INT", "SET_ATTITUDE_TARGET"})
+OWN_MESSAGES = ("COMMAND_ACK", *COMMANDS, "TIMESYNC", "PARAM_VALUE", "STATUSTEXT", *SETPOINTS)
 
 
 class AutopilotLink:
     """One link. `frames` of the last `receive` are kept for the recorder."""
 
-    def __init__(self, subscribed: Iterable[str], wanted_hz: dict[str, float] | None = None) -> None:
+    def __init__(self, subscribed: Collection[str], wanted_hz: dict[str, float] | None = None) -> None:
         self.autopilot = Autopilot()
         self.authority = Authority(self.autopilot)
         self.commands = CommandQueue()
@@ -40,47 +42,80 @@ class AutopilotLink:
         """How often MAV_CMD_USER_1 came for this component: the operator's wish to be followed again."""
         self.autopilot_texts: list[str] = []
         self._wanted_hz = WANTED_HZ | (wanted_hz or {})
-        self._splitter = Splitter()
-        self._decoder = Decoder({*self.autopilot.messages, *OWN_MESSAGES, *subscribed})
+        read = {*self.autopilot.messages, *OWN_MESSAGES, *subscribed}
+        self._splitter = Splitter(read)
+        self._decoder = Decoder(read)
         self._packer = Packer(1, COMPANION_COMPONENT)
         self._heartbeat_next_s = nan
         self._set_up_for: tuple[int | None, int] = (None, 0)
         self.counts = self._splitter.counts
+        self._theirs_alone = frozenset(self.autopilot.messages) - set(subscribed)
+        self._handlers: dict[str, Callable[[Any, float], None]] = {
+            "HEARTBEAT": self._on_mode,
+            "CURRENT_MODE": self._on_mode,
+            "COMMAND_ACK": self._on_ack,
+            "PARAM_VALUE": self._on_parameter,
+            "STATUSTEXT": self._on_text,
+            "TIMESYNC": self._on_timesync,
+        }
 
     def receive(self, data: bytes, now_s: float, *, whole: bool = True) -> tuple[list[Frame], list[Message]]:
         """Take in bytes; return all frames (for the recorder) and the messages that are not the link's own business."""
         frames = self._splitter.feed(data, whole=whole)
         others = []
+        decode, autopilot, handlers = self._decoder.decode, self.autopilot, self._handlers
         for frame in frames:
-            message = self._decoder.decode(frame)
+            message = decode(frame)
             if message is None:
                 continue
-            self.counts.decoded += 1
-            if not self._own(message, now_s):
+            name = message[0]
+            if autopilot.on_message(message, now_s):
+                if autopilot.reboots != self._reboots:
+                    self._reboots = autopilot.reboots
+                    self.authority.lost("the autopilot has restarted")
+                handler = handlers.get(name)
+                if handler is not None:
+                    handler(message.fields, now_s)
+                if name in self._theirs_alone:
+                    continue
+            elif name in COMMANDS:
+                self._command_for_us(message)
+                continue
+            elif name == "HEARTBEAT" or name in SETPOINTS:
+                self._watch_rivals(message, now_s)
+                continue
+            if name not in OWN_MESSAGES:
                 others.append(message)
+        self.counts.decoded = self._decoder.decoded
         return frames, others
 
-    def _own(self, message: Message, now_s: float) -> bool:
-        fields = message.fields
-        if message.name in ("COMMAND_LONG", "COMMAND_INT"):
-            self._command_for_us(message)
-            return True
-        if not self.autopilot.on_message(message, now_s):
-            return message.name in OWN_MESSAGES
-        if message.name in MODE_MESSAGES:
-            self.authority.on_mode(now_s)
-        elif message.name == "COMMAND_ACK":
-            if self._for_us(fields):
-                self.commands.on_ack(fields.command, fields.result)
-        elif message.name == "PARAM_VALUE":
-            self._parameter(fields)
-        elif message.name == "STATUSTEXT":
-            self.autopilot_texts.append(fields.text.split(b"\0")[0].decode("utf-8", "replace").strip())
-        elif message.name == "TIMESYNC" and fields.tc1 == 0:
+    def _on_mode(self, fields: Any, now_s: float) -> None:
+        self.authority.on_mode(now_s)
+
+    def _on_ack(self, fields: Any, now_s: float) -> None:
+        if self._for_us(fields):
+            self.commands.on_ack(fields.command, fields.result)
+
+    def _on_text(self, fields: Any, now_s: float) -> None:
+        self.autopilot_texts.append(fields.text.split(b"\0")[0].decode("utf-8", "replace").strip())
+
+    def _on_timesync(self, fields: Any, now_s: float) -> None:
+        if fields.tc1 == 0:
             self._timesync = fields.ts1
-        return message.name in OWN_MESSAGES or message.name in self.autopilot.messages
 
     _timesync: int | None = None
+    _reboots: int = 0
+    _latch_asked_by: tuple[int, int] = (0, 0)
+
+    def _watch_rivals(self, message: Message, now_s: float) -> None:
+        """Our own frames never come back to us: what speaks as we do, or flies what we fly, is somebody else."""
+        vehicle = self.autopilot.sysid or 1
+        who = f"system {message.sysid} component {message.compid}"
+        if message.name in SETPOINTS:
+            if message.fields.target_system in (0, vehicle) and self.autopilot.sysid is not None:
+                self.authority.rival(now_s, who, flies=True)
+        elif (message.sysid, message.compid) == (vehicle, COMPANION_COMPONENT):
+            self.authority.rival(now_s, who, flies=False)
 
     def _for_us(self, fields: Any) -> bool:
         return fields.target_system in (0, self._packer.sysid) and fields.target_component in (0, COMPANION_COMPONENT)
@@ -89,8 +124,9 @@ class AutopilotLink:
         fields = message.fields
         if fields.command == enums.MAV_CMD_USER_1 and self._for_us(fields) and fields.target_component:
             self.latch_commands += 1
+            self._latch_asked_by = (message.sysid, message.compid)
 
-    def _parameter(self, fields: Any) -> None:
+    def _on_parameter(self, fields: Any, now_s: float) -> None:
         name = fields.param_id.split(b"\0")[0].decode("ascii", "replace")
         value = fields.param_value
         if fields.param_type == PARAM_INT32 and self.autopilot.kind == enums.MAV_AUTOPILOT_PX4:
@@ -127,10 +163,36 @@ class AutopilotLink:
         request = (float(by_name("CURRENT_MODE").msgid),)
         return self._command(Command(enums.MAV_CMD_REQUEST_MESSAGE, request + (0.0,) * 6, "mode"))
 
-    def statustext(self, text: str, severity: int) -> bytes:
-        """Return a STATUSTEXT for the ground station; the autopilot forwards it."""
-        cut = text.encode("ascii", "replace")[:STATUSTEXT_LENGTH]
-        return self._packer.pack("STATUSTEXT", severity=severity, text=cut, id=0, chunk_seq=0)
+    def reconnected(self, now_s: float) -> bytes:
+        """The link was lost and is back: set it up again, its settings went with it; then as after any gap."""
+        self._set_up_for = (None, 0)
+        return self.after_gap(now_s)
+
+    def answer_latch(self, opened: bool) -> bytes:
+        """Return the COMMAND_ACK for the operator's MAV_CMD_USER_1."""
+        system, component = self._latch_asked_by
+        return self._packer.pack(
+            "COMMAND_ACK",
+            command=enums.MAV_CMD_USER_1,
+            result=enums.MAV_RESULT_ACCEPTED if opened else enums.MAV_RESULT_TEMPORARILY_REJECTED,
+            progress=0,
+            result_param2=0,
+            target_system=system,
+            target_component=component,
+        )
+
+    def statustext(self, text: str, severity: int) -> list[bytes]:
+        """Return a text for the ground station, which the autopilot forwards: in chunks where it is long."""
+        raw = text.encode("ascii", "replace")
+        chunks = [raw[i : i + STATUSTEXT_LENGTH] for i in range(0, len(raw), STATUSTEXT_LENGTH)]
+        self._text_id = self._text_id % 0xFFFF + 1 if len(chunks) > 1 else self._text_id
+        text_id = self._text_id if len(chunks) > 1 else 0
+        return [
+            self._packer.pack("STATUSTEXT", severity=severity, text=chunk, id=text_id, chunk_seq=i)
+            for i, chunk in enumerate(chunks)
+        ]
+
+    _text_id: int = 0
 
     def _heartbeat(self) -> bytes:
         return self._packer.pack(

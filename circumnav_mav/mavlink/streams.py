@@ -31,6 +31,8 @@ UNWANTED: tuple[str, ...] = (
     "NAV_CONTROLLER_OUTPUT",
     "MISSION_CURRENT",
     "PING",
+    # The autopilot's own: its range finder that looks down, and echoes of the radio's ranges. Never flown on.
+    "DISTANCE_SENSOR",
 )
 """Default streams of PX4's onboard link that nothing here reads: three quarters of its 24 kB/s."""
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from difflib import get_close_matches
-from typing import Any
+from typing import Any, NamedTuple
 
 from circumnav_mav.ranging.counts import Counts
 from circumnav_mav.ranging.gate import Gate, Limits
@@ -27,12 +27,25 @@ STUCK_S = 3.0
 FINE_RESOLUTION_M = 0.002
 """At or below this step, noise alone changes the range of any radio; a coarser one may honestly stand still."""
 
+MOST_HEARD = 64
+"""How many channels are remembered for people to choose from; rubbish could invent any number."""
+
+
+class Channel(NamedTuple):
+    """Who measured what: None where the link or the device has no such thing."""
+
+    sender: tuple[int, int] | None
+    sensor_id: int | None
+    beacon_id: int | None
+
 
 class _Receiver:
     def __init__(self, source: Source, settings: Settings) -> None:
         self.counts = Counts()
         self.moving = True
         """Set False while the vehicle is known to stand still: a value that does not change is then no fault."""
+        self.heard: dict[Channel, float] = {}
+        """The last range [m] of every channel heard, flown on or not: what from, sensor_id, beacon_id choose from."""
         self._settings = settings
         stuck_s = settings.stuck_s
         if stuck_s is None:
@@ -40,7 +53,8 @@ class _Receiver:
         self._limits = Limits(settings.max_age_s, settings.min_m, settings.max_m, settings.min_quality_pct, stuck_s)
         self._gate = Gate(self._limits)
         self._clock = StampClock()
-        self._channel: tuple[tuple[int, int] | None, int | None, int | None] | None = None
+        self.flown: Channel | None = None
+        """The channel that is flown on, once a range was accepted."""
 
     def _finish(
         self, sender: tuple[int, int] | None, reading: Reading | Rejected, now_s: float
@@ -50,10 +64,13 @@ class _Receiver:
         return result
 
     def _judge(self, sender: tuple[int, int] | None, reading: Reading, now_s: float) -> RangeSample | Rejected:
-        mismatch = self._match(reading, now_s) or self._match_channel(sender, reading, now_s)
+        channel = Channel(sender, reading.sensor_id, reading.beacon_id)
+        if channel in self.heard or len(self.heard) < MOST_HEARD:
+            self.heard[channel] = reading.range_m
+        mismatch = self._match(reading, now_s) or self._match_channel(channel, now_s)
         if mismatch is not None:
             return mismatch
-        if self._channel is None:  # what other channels said before must not colour the first of ours
+        if self.flown is None:  # what other channels said before must not colour the first of ours
             self._gate, self._clock = Gate(self._limits), StampClock()
         sample = RangeSample(
             t_s=self._measured_at(reading, now_s),
@@ -65,7 +82,7 @@ class _Receiver:
         rejected = self._gate.judge(reading, sample, now_s, moving=self.moving)
         if rejected is not None:
             return rejected
-        self._channel = (sender, reading.sensor_id, reading.beacon_id)
+        self.flown = channel
         return sample
 
     def _match(self, reading: Reading, now_s: float) -> Rejected | None:
@@ -85,24 +102,18 @@ class _Receiver:
             )
         return None
 
-    def _match_channel(self, sender: tuple[int, int] | None, reading: Reading, now_s: float) -> Rejected | None:
+    def _match_channel(self, channel: Channel, now_s: float) -> Rejected | None:
         """Reject whatever is not the channel that was first accepted."""
-        if self._channel is None:
+        if self.flown is None or channel == self.flown:
             return None
-        first_sender, first_sensor, first_beacon = self._channel
-        if sender != first_sender:
-            detail = f"{sender} beside {first_sender}, which is flown on: set ranging.from to choose"
-            return Rejected(now_s, Reason.WRONG_SOURCE, detail)
-        if reading.sensor_id != first_sensor:
-            detail = (
-                f"sensor {reading.sensor_id} beside {first_sensor}, which is flown on: set ranging.sensor_id to choose"
-            )
-            return Rejected(now_s, Reason.WRONG_SENSOR, detail)
-        if reading.beacon_id != first_beacon:
-            detail = (
-                f"beacon {reading.beacon_id} beside {first_beacon}, which is flown on: set ranging.beacon_id to choose"
-            )
-            return Rejected(now_s, Reason.WRONG_BEACON, detail)
+        for name, key, reason, ours, theirs in (
+            ("sender", "from", Reason.WRONG_SOURCE, self.flown.sender, channel.sender),
+            ("sensor", "sensor_id", Reason.WRONG_SENSOR, self.flown.sensor_id, channel.sensor_id),
+            ("beacon", "beacon_id", Reason.WRONG_BEACON, self.flown.beacon_id, channel.beacon_id),
+        ):
+            if theirs != ours:
+                detail = f"{name} {theirs} beside {ours}, which is flown on: set ranging.{key} to choose"
+                return Rejected(now_s, reason, detail)
         return None
 
     def _measured_at(self, reading: Reading, now_s: float) -> float:

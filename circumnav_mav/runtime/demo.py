@@ -8,7 +8,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from circumnav_mav.config import Config
+from circumnav_mav.config import Config, Ranging
 from circumnav_mav.runtime.app import Options
 from circumnav_mav.runtime.clock import Clock
 from circumnav_mav.runtime.session import Outcome, fly
@@ -30,17 +30,24 @@ def demo_config(config: Config | None) -> Config:
     """
     base = config or Config()
     height_m = base.orbit.height_m or 15.0
-    target_m = base.ranging.target_height_m
     return base.model_copy(
         update={
             "engage": "auto",
             "vehicle": base.vehicle.model_copy(update={"link": "udpin://127.0.0.1:0"}),
             "orbit": base.orbit.model_copy(update={"height_m": height_m}),
-            "ranging": base.ranging.model_copy(
-                update={"endpoint": None, "target_height_m": 0.0 if target_m is None else target_m}
-            ),
+            "ranging": _stub_radio(base.ranging),
         }
     )
+
+
+def _stub_radio(ranging: Ranging) -> Ranging:
+    """Return how the stub's radio is heard, whatever radio the file names: it sends DISTANCE_SENSOR on the vehicle's
+    link, and the beacon stands on the ground. What concerns the flight (ages, noise, bias) stays the file's.
+    """
+    kept = ("max_age_s", "coast_s", "bias_m", "latency_s", "sigma_m", "target_height_m")
+    values = {key: getattr(ranging, key) for key in kept}
+    values["target_height_m"] = 0.0 if ranging.target_height_m is None else ranging.target_height_m
+    return Ranging(**values)
 
 
 def longest_s(config: Config) -> float:

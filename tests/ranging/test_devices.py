@@ -123,3 +123,11 @@ def test_a_range_that_there_is_not_is_never_read(device, range_m):
 
 def test_every_source_of_bytes_has_its_device():
     assert {source_of(device) for device in DEVICES} == {source.name for source in BYTE_SOURCES}
+
+
+@pytest.mark.parametrize(
+    ("device", "beacon_id"), [("linktrack", 256), ("linktrack_frame2", -1), ("dwm1001_les", 65536)]
+)
+def test_an_id_that_the_device_cannot_have_is_refused_in_words(device, beacon_id):
+    with pytest.raises(ValueError, match=f"not {beacon_id}"):
+        DEVICES[device](beacon_id)

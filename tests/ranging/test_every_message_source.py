@@ -176,3 +176,16 @@ def test_fuzz(source):
 @sources
 def test_fuzz_long(source):
     fuzz(source, int(100_000 * SHARE) + 1, SEED)
+
+
+def test_who_is_heard_is_kept_to_choose_from_and_bounded():
+    source = SOURCES["ranging_beacon"]
+    assert isinstance(source, MessageSource)
+    ranging = receiver(source, beacon_id=4)
+    for beacon, mm in ((3, 50_000), (4, 80_000), (3, 51_000)):
+        ranging.on_message(*SENDER, good(source, beacon_id=beacon, range=mm, time_usec=0), 7.0)
+    assert ranging.heard == {(SENDER, None, 3): 51.0, (SENDER, None, 4): 80.0}
+    assert ranging.flown == (SENDER, None, 4)
+    for beacon in range(1000):
+        ranging.on_message(*SENDER, good(source, beacon_id=beacon), 8.0)
+    assert len(ranging.heard) <= 64
