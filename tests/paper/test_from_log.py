@@ -50,7 +50,8 @@ def test_noise_rate_lag_and_wind_are_read_out_of_a_record(tmp_path):
 @pytest.mark.parametrize("sigma", [0.1, 3.0])
 def test_noise_without_echoes_is_read_closely(tmp_path, sigma):
     write(tmp_path / "ticks.csv", sigma=sigma, outliers=0.0)
-    assert from_log.look(tmp_path / "ticks.csv").sigma_r_m == pytest.approx(sigma, rel=0.08)
+    one_error = 0.043  # of the estimate from 1,000 ranges, over 150 records of plain noise
+    assert from_log.look(tmp_path / "ticks.csv").sigma_r_m == pytest.approx(sigma, rel=4.0 * one_error)
 
 
 def test_what_a_record_does_not_show_is_said(tmp_path):
