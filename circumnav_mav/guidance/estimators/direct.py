@@ -59,7 +59,7 @@ def predict(h: Side, m: Moved, q: float) -> Side:
     theta = -(atan2(y, x) - m.turn)
     prr = h.prr + dt * (2.0 * h.prv + dt * h.pvv) + q * dt**3 / 3.0
     prv = h.prv + dt * h.pvv + q * dt**2 / 2.0
-    pvv = min(h.pvv + q * dt, V * V)
+    pvv = h.pvv + q * dt
     side = h.side if sin(theta) * h.side >= 0.0 else -h.side
     return Side(hypot(x, y), -V * cos(theta) + h.r_dot - v_in, prr, prv, pvv, h.weight, side)
 

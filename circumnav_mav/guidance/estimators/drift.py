@@ -340,9 +340,9 @@ def observe(bank: list[Drift], mem: Memory, m: Moved, z: Reading, par: Parameter
     """Carry the bank to the reading, judge it and use it."""
     sigma_r = par.sigma_r if isnan(z.sigma_r) else z.sigma_r
     variance = sigma_r * sigma_r
-    if len(bank) == 0:
+    if len(bank) == 0 or isnan(m.psi):  # without a heading, a displacement has no direction
         seed(bank, z, par, variance)
-        return remember(mem, m.dt, nan, 1.0, 1.0)
+        return remember(mem, m.dt, nan, 0.0 if isnan(m.psi) else 1.0, 1.0)
     psi = m.psi - m.turn
     c, s = cos(psi), sin(psi)
     dx, dy = m.ahead * c - m.left * s, m.ahead * s + m.left * c
