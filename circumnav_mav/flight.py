@@ -23,6 +23,7 @@ from circumnav_mav.mavlink.engage import AutoEngage, Step
 from circumnav_mav.mavlink.link import AutopilotLink
 from circumnav_mav.mavlink.offboard import Control
 from circumnav_mav.mavlink.setpoints import ENCODERS, SetpointLimits
+from circumnav_mav.mavlink.signing import Signer
 from circumnav_mav.range_feed import RangeFeed
 from circumnav_mav.types import RangeSample, Rejected
 
@@ -68,10 +69,10 @@ class Event(NamedTuple):
 class Flight:
     """Everything between the sockets. `end` asks for a polite end; `done` says that there is nothing left to do."""
 
-    def __init__(self, config: Config) -> None:
+    def __init__(self, config: Config, signer: Signer | None = None) -> None:
         self._config = config
         self.ranges = RangeFeed(config.ranging)
-        self.link = AutopilotLink(() if self.ranges.own_link else self.ranges.messages)
+        self.link = AutopilotLink(() if self.ranges.own_link else self.ranges.messages, signer=signer)
         self.computer = GuidanceComputer(guidance_settings(config))
         limits = SetpointLimits(config.limits.turn_rate_rad_s, config.orbit.speed_m_s)
         self._encoder = ENCODERS[config.vehicle.kind](limits, config.vehicle.lead_s)
@@ -86,6 +87,7 @@ class Flight:
         self._latch_commands = 0
         self._phase = self.computer.phase
         self._failures_told = 0
+        self._signing_told = False
 
     # -- bytes in ---------------------------------------------------------------------------------------------------
 
@@ -131,6 +133,7 @@ class Flight:
             self._sent_rad_s = decision.setpoint.turn_rate_rad_s
         frames += link.poll(now_s) + link.read_parameters(now_s)
         self._tell_failures(now_s)
+        self._tell_signing(now_s)
         return frames, self._record(now_s, decision, lateness_s, missed_ticks)
 
     def after_gap(self, now_s: float) -> list[bytes]:
@@ -221,6 +224,11 @@ class Flight:
             if failure.command.command != enums.MAV_CMD_SET_MESSAGE_INTERVAL:  # an autopilot may lack a stream
                 self._tell(now_s, str(failure), 4)
         self._failures_told = len(failures)
+
+    def _tell_signing(self, now_s: float) -> None:
+        if self.link.signs_at_us and not self._signing_told:
+            self._signing_told = True
+            self._tell(now_s, "the autopilot signs its messages: without vehicle.signing_key_file it obeys nothing", 4)
 
     def _motion(self, now_s: float) -> Motion:
         ap = self.link.autopilot

@@ -17,6 +17,7 @@ from circumnav_mav.mavlink.codec import Decoder, Frame, Message, Packer, Splitte
 from circumnav_mav.mavlink.commands import Command, CommandQueue
 from circumnav_mav.mavlink.dialect import by_name, enums
 from circumnav_mav.mavlink.offboard import Authority, ModeRequest
+from circumnav_mav.mavlink.signing import Signer
 from circumnav_mav.mavlink.streams import UNWANTED, WANTED_HZ, interval_us
 
 COMPANION_COMPONENT = 191
@@ -31,7 +32,12 @@ OWN_MESSAGES = ("COMMAND_ACK", "COMMAND_LONG", "COMMAND_INT", "TIMESYNC", "PARAM
 class AutopilotLink:
     """One link. `frames` of the last `receive` are kept for the recorder."""
 
-    def __init__(self, subscribed: Iterable[str], wanted_hz: dict[str, float] | None = None) -> None:
+    def __init__(
+        self,
+        subscribed: Iterable[str],
+        wanted_hz: dict[str, float] | None = None,
+        signer: Signer | None = None,
+    ) -> None:
         self.autopilot = Autopilot()
         self.authority = Authority(self.autopilot)
         self.commands = CommandQueue()
@@ -42,7 +48,10 @@ class AutopilotLink:
         self._wanted_hz = WANTED_HZ | (wanted_hz or {})
         self._splitter = Splitter()
         self._decoder = Decoder({*self.autopilot.messages, *OWN_MESSAGES, *subscribed})
-        self._packer = Packer(1, COMPANION_COMPONENT)
+        self._packer = Packer(1, COMPANION_COMPONENT, signer)
+        self.signer = signer
+        self.signs_at_us = False
+        """Whether the autopilot signs and we have no key: it will not listen."""
         self._heartbeat_next_s = nan
         self._set_up_for: tuple[int | None, int] = (None, 0)
         self.counts = self._splitter.counts
@@ -51,10 +60,17 @@ class AutopilotLink:
         """Take in bytes; return all frames (for the recorder) and the messages that are not the link's own business."""
         frames = self._splitter.feed(data, whole=whole)
         others = []
+        signer = self.signer
+        if signer is not None:
+            signer.advance(now_s)
         for frame in frames:
+            if signer is not None and not signer.believes(frame.raw, frame.sysid, frame.compid):
+                continue
             message = self._decoder.decode(frame)
             if message is None:
                 continue
+            if signer is None and frame.signed and frame.compid == AUTOPILOT_COMPONENT:
+                self.signs_at_us = True
             self.counts.decoded += 1
             if not self._own(message, now_s):
                 others.append(message)
@@ -102,6 +118,8 @@ class AutopilotLink:
     def poll(self, now_s: float) -> list[bytes]:
         """Return the frames that are due: heartbeat, answers, commands, mode requests."""
         due: list[bytes] = []
+        if self.signer is not None:
+            self.signer.advance(now_s)
         if not now_s < self._heartbeat_next_s:
             self._heartbeat_next_s = now_s + HEARTBEAT_S
             due.append(self._heartbeat())

@@ -14,6 +14,7 @@ from circumnav_mav.endpoint import parse
 from circumnav_mav.flight import RANGING, VEHICLE, Flight, TickRecord
 from circumnav_mav.guidance.phases import ENGAGED, Phase
 from circumnav_mav.runtime.clock import Clock, run_on_grid
+from circumnav_mav.runtime.keyfile import open_signer
 from circumnav_mav.runtime.links import open_link, open_ranging_link
 from circumnav_mav.runtime.realtime import settle
 from circumnav_mav.runtime.recorder import Recorder
@@ -56,7 +57,7 @@ class App:
     def __init__(self, config: Config, clock: Clock, recorder: Recorder, view: View, options: Options) -> None:
         self._config, self._clock, self._recorder, self._view = config, clock, recorder, view
         self._options = options
-        self.flight = Flight(config)
+        self.flight = Flight(config, open_signer(config.vehicle.signing_key_file, clock.now()))
         self._links: dict[str, Transport] = {}
         self._last_tick_s = nan
         self._end_by_s = inf
@@ -245,7 +246,9 @@ class App:
 
 def no_autopilot(link: str, flight: Flight) -> str:
     """Return why no autopilot is there, as far as can be told, and what to do."""
-    counts = flight.link.counts
+    counts, signer = flight.link.counts, flight.link.signer
+    if signer is not None and signer.refused and not signer.accepted:
+        return f"no frame on {link} is believed: {signer.complaint()}"
     if counts.understood and not counts.noise:
         frames = f"{counts.understood} MAVLink frames on {link}"
         return f"{frames}, but no autopilot's heartbeat (component 1): check the routing"
