@@ -10,6 +10,7 @@ from collections.abc import Iterable
 from circumnav_mav.config import Ranging
 from circumnav_mav.mavlink.codec import Decoder, Frame, LinkCounts, Message, Splitter
 from circumnav_mav.mavlink.dialect import layout
+from circumnav_mav.mavlink.signing import Signer
 from circumnav_mav.ranging import SOURCES, ByteReceiver, ByteSource, MessageReceiver, Settings, open_receiver
 from circumnav_mav.ranging.counts import Counts
 from circumnav_mav.types import RangeSample, Rejected
@@ -39,7 +40,7 @@ class RangeFeed:
 
     @property
     def link_counts(self) -> LinkCounts:
-        """What came in on the endpoint of the radio's own, where it speaks MAVLink."""
+        """What `on_bytes` took in, where it is MAVLink."""
         return self._splitter.counts
 
     @property
@@ -58,12 +59,17 @@ class RangeFeed:
             self.receiver.autopilot = None if sysid is None else (sysid, AUTOPILOT_COMPONENT)
         self.receiver.moving = moving
 
-    def on_bytes(self, data: bytes, now_s: float, *, whole: bool) -> tuple[list[Frame], list[RangeSample | Rejected]]:
-        """Take what arrived on the endpoint of the radio's own; return its MAVLink frames, and what they say."""
+    def on_bytes(
+        self, data: bytes, now_s: float, *, whole: bool, signer: Signer | None = None
+    ) -> tuple[list[Frame], list[RangeSample | Rejected]]:
+        """Take what arrived on the link that carries ranges; return its MAVLink frames, and what they say."""
         self.bytes_in += len(data)
         if isinstance(self.receiver, ByteReceiver):
             return [], self.receiver.feed(data, now_s)
         frames = self._splitter.feed(data, whole=whole)
+        if signer is not None:
+            signer.advance(now_s)
+            frames = [frame for frame in frames if signer.believes(frame.raw, frame.sysid, frame.compid)]
         return frames, self.on_messages((m for f in frames if (m := self._decoder.decode(f)) is not None), now_s)
 
     def on_messages(self, messages: Iterable[Message], now_s: float) -> list[RangeSample | Rejected]:
