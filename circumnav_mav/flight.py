@@ -155,6 +155,10 @@ class Flight:
         request = self.link.reconnected(now_s)
         return [request] if self.link.autopilot.sysid is not None else []
 
+    def tell(self, now_s: float, text: str) -> None:
+        """Let the operator read something that only the runtime knows."""
+        self._tell(now_s, text, 4)
+
     def end(self, reason: str) -> None:
         """Ask for a polite end: hold, then silence."""
         self.end_reason = self.end_reason or reason

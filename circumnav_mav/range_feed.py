@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from circumnav_mav.config import Ranging
+from circumnav_mav.endpoint import USUAL_BAUD, Endpoint, parse
 from circumnav_mav.mavlink.codec import Decoder, Frame, LinkCounts, Message, Splitter
 from circumnav_mav.mavlink.dialect import layout
 from circumnav_mav.mavlink.signing import Signer
@@ -16,7 +17,8 @@ from circumnav_mav.ranging.counts import Counts
 from circumnav_mav.types import RangeSample, Rejected
 
 AUTOPILOT_COMPONENT = 1
-MAVLINK_BAUD = 57_600
+LEAST_BYTES = 64
+"""Fewer bytes than this prove nothing about a baud rate."""
 
 
 class RangeFeed:
@@ -28,10 +30,16 @@ class RangeFeed:
         ids = self.receiver.message_ids if isinstance(self.receiver, MessageReceiver) else ()
         self.messages = frozenset(shape.name for i in ids if (shape := layout(i)))
         """Names of the messages that carry ranges; empty for a source of bytes."""
-        self.own_link = ranging.endpoint is not None
+        self.endpoint = parse(ranging.endpoint) if ranging.endpoint else None
+        """The radio's own, None for the vehicle's link."""
         self._splitter = Splitter()
         self._decoder = Decoder(self.messages)
         self.bytes_in = 0
+
+    @property
+    def own_link(self) -> bool:
+        """Whether ranges come on an endpoint of the radio's own."""
+        return self.endpoint is not None
 
     @property
     def counts(self) -> Counts:
@@ -46,7 +54,7 @@ class RangeFeed:
     @property
     def baud(self) -> int:
         """The baud rate at which the device is delivered."""
-        return self.source.baud if isinstance(self.source, ByteSource) else MAVLINK_BAUD
+        return self.source.baud if isinstance(self.source, ByteSource) else USUAL_BAUD
 
     @property
     def start(self) -> tuple[tuple[float, bytes], ...]:
@@ -78,6 +86,28 @@ class RangeFeed:
             return []
         read = self.receiver.on_message
         return [read(m.sysid, m.compid, m.fields, now_s) for m in messages if m.name in self.messages]
+
+    def why_none(self, endpoint: Endpoint) -> str:
+        """Return in words why no range has come over `endpoint`, and what to do; empty where one has."""
+        rejected = self.counts.rejected
+        baud = f": another baud rate than {endpoint.baud or self.baud}?" if endpoint.kind == "serial" else ""
+        if self.counts.accepted:
+            return ""
+        if not self.bytes_in:
+            who = "a sender" if self.messages else "a device"
+            return f"nothing is heard on {endpoint}: is there {who}, and does it send to this place?"
+        if self.messages and self.link_counts.noise:
+            return f"{self.bytes_in} bytes on {endpoint} that are not MAVLink{baud}"
+        if not self.messages and set(rejected) <= {"bad_frame"}:
+            much = self.bytes_in >= LEAST_BYTES
+            return f"{self.bytes_in} bytes on {endpoint} that are not {self.source.name}{baud}" if much else ""
+        if rejected:
+            reason = max(rejected, key=lambda word: rejected[word])
+            return (
+                f"no range can be used: {sum(rejected.values())} rejected, most of them {reason} ({rejected[reason]})"
+            )
+        names = " or ".join(sorted(self.messages))
+        return f"{self.link_counts.understood} MAVLink frames on {endpoint}, but no {names}"
 
 
 def receiver_settings(ranging: Ranging) -> Settings:

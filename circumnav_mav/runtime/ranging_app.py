@@ -22,8 +22,6 @@ from circumnav_mav.types import RangeSample
 REFRESH_S = 0.25
 HEARTBEAT_S = 1.0
 COMPANION = (1, 191)
-LEAST_BYTES = 64
-"""Fewer bytes than this prove nothing about a baud rate."""
 
 
 class RangingApp:
@@ -39,10 +37,10 @@ class RangingApp:
         self._stopped = asyncio.Event()
         self._packer: Packer | None = None
         # Signatures guard the vehicle's link; a radio with an endpoint of its own has none.
-        own = self.feed.own_link
+        own = self.feed.endpoint
         self._signer = None if own else open_signer(config.vehicle.signing_key_file, clock.now())
-        if own:
-            self._link = open_ranging_link(config.ranging, self.feed)
+        if own is not None:
+            self._link = open_ranging_link(own, self.feed)
         else:
             self._link = open_link(parse(config.vehicle.link))
         if self._link.endpoint.kind == "udpout" and self.feed.messages:  # nobody answers who was never called
@@ -93,36 +91,10 @@ class RangingApp:
 
     def hint(self) -> str:
         """Return in words why there is no range at all, as far as can be told, and what to do."""
-        feed, counts, endpoint = self.feed, self.feed.counts, self._link.endpoint
-        if counts.accepted:
-            return ""
-        if not feed.bytes_in:
-            what = "a device" if not feed.messages else "a sender"
-            return f"nothing is heard on {endpoint}: is there {what}, and does it send to this place?"
-        if feed.messages:
-            return self._message_hint()
-        if set(counts.rejected) <= {"bad_frame"} and feed.bytes_in >= LEAST_BYTES:
-            baud = f" or another baud rate than {endpoint.baud}" if endpoint.kind == "serial" else ""
-            return f"{feed.bytes_in} bytes on {endpoint} that are not {feed.source.name}: another device{baud}?"
-        return "" if not counts.rejected else f"no range can be used: {most_rejected(counts.rejected)}"
-
-    def _message_hint(self) -> str:
-        feed, endpoint = self.feed, self._link.endpoint
-        if self._signer is not None and self._signer.refused and not self._signer.accepted:
-            return f"no frame on {endpoint} is believed: {self._signer.complaint()}"
-        if feed.link_counts.noise:
-            baud = f": another baud rate than {endpoint.baud}?" if endpoint.kind == "serial" else ""
-            return f"{feed.bytes_in} bytes on {endpoint} that are not MAVLink{baud}"
-        if feed.counts.rejected:
-            return f"no range can be used: {most_rejected(feed.counts.rejected)}"
-        names = " or ".join(sorted(feed.messages))
-        return f"{feed.link_counts.understood} MAVLink frames on {endpoint}, but no {names}"
-
-
-def most_rejected(rejected: dict[str, int]) -> str:
-    """Return the commonest reason, for people."""
-    reason = max(rejected, key=lambda word: rejected[word])
-    return f"{sum(rejected.values())} rejected, most of them {reason} ({rejected[reason]})"
+        signer = self._signer
+        if signer is not None and signer.refused and not signer.accepted:
+            return f"no frame on {self._link.endpoint} is believed: {signer.complaint()}"
+        return self.feed.why_none(self._link.endpoint)
 
 
 def summary(status: Status, duration_s: float, hint: str) -> Iterator[str]:
