@@ -22,6 +22,7 @@ from circumnav_mav.mavlink.dialect import enums
 from circumnav_mav.mavlink.engage import AutoEngage, Step
 from circumnav_mav.mavlink.link import AutopilotLink
 from circumnav_mav.mavlink.offboard import Control
+from circumnav_mav.mavlink.signing import Signer
 from circumnav_mav.mavlink.vehicles import VEHICLES
 from circumnav_mav.mavlink.vehicles.fitness import Fitness, Unfit
 from circumnav_mav.range_feed import RangeFeed
@@ -72,13 +73,13 @@ class Event(NamedTuple):
 class Flight:
     """Everything between the sockets. `end` asks for a polite end; `done` says that there is nothing left to do."""
 
-    def __init__(self, config: Config) -> None:
+    def __init__(self, config: Config, signer: Signer | None = None) -> None:
         self._config = config
         self.ranges = RangeFeed(config.ranging)
         vehicle = config.vehicle_class
         self._vehicle, self.words = vehicle, vehicle.words
         subscribed = () if self.ranges.own_link else self.ranges.messages
-        self.link = AutopilotLink(subscribed, vehicle.messages_hz, vehicle.words)
+        self.link = AutopilotLink(subscribed, vehicle.messages_hz, vehicle.words, signer)
         self.computer = GuidanceComputer(guidance_settings(config))
         self._encoder = vehicle.encoder(config.encoder_options())
         self._fitness = Fitness(vehicle, VEHICLES.values())
@@ -102,6 +103,7 @@ class Flight:
         self._ticked_s = nan
         self._stopped = False
         self._frames: list[bytes] = []
+        self._signing_told = False
 
     # -- bytes in ---------------------------------------------------------------------------------------------------
 
@@ -182,6 +184,7 @@ class Flight:
         self._invite(now_s)
         frames += link.poll(now_s) + link.read_parameters(now_s)
         self._tell_failures(now_s)
+        self._tell_signing(now_s)
         return frames, self._record(now_s, decision, lateness_s, missed_ticks)
 
     def link_lost(self, link: str, now_s: float, words: str) -> None:
@@ -197,6 +200,10 @@ class Flight:
             return []
         request = self.link.reconnected(now_s)
         return [request] if self.link.autopilot.sysid is not None else []
+
+    def tell(self, now_s: float, text: str) -> None:
+        """Let the operator read something that only the runtime knows."""
+        self._tell(now_s, text, 4)
 
     def end(self, reason: str) -> None:
         """Ask for a polite end: hold, then silence."""
@@ -300,6 +307,11 @@ class Flight:
             if failure.command.command != enums.MAV_CMD_SET_MESSAGE_INTERVAL:  # an autopilot may lack a stream
                 self._tell(now_s, str(failure), WARNING)
         self._failures_told = len(failures)
+
+    def _tell_signing(self, now_s: float) -> None:
+        if self.link.signs_at_us and not self._signing_told:
+            self._signing_told = True
+            self._tell(now_s, "the autopilot signs its messages: without vehicle.signing_key_file it obeys nothing", 4)
 
     def _motion(self, now_s: float) -> Motion:
         ap = self.link.autopilot
