@@ -34,6 +34,9 @@ SLOWEST_M_S = 3.0
 class CurvedPath:
     """Direction integrated at the turn rate that is asked for, kept on a leash to the course that is flown."""
 
+    lacks = ""
+    """Nothing to learn."""
+
     def __init__(self, options: Options) -> None:
         self._limits = options.limits
         self._lateral_m_s2 = G_M_S2 * tan(options.bank_rad)
