@@ -185,6 +185,20 @@ class Flight:
         self._tell_failures(now_s)
         return frames, self._record(now_s, decision, lateness_s, missed_ticks)
 
+    def link_lost(self, link: str, now_s: float, words: str) -> None:
+        """A link broke. On the vehicle's, nothing is sent or believed until a mode message newer than the break."""
+        self._tell(now_s, f"{link} link lost: {words}", WARNING)
+        if link == VEHICLE:
+            self.link.authority.gap(now_s)
+
+    def link_back(self, link: str, now_s: float, words: str) -> list[bytes]:
+        """A link is open again; return what to send: on the vehicle's a request for the mode, and nothing else yet."""
+        self._tell(now_s, f"{link} link: {words}", INFO)
+        if link != VEHICLE:
+            return []
+        request = self.link.reconnected(now_s)
+        return [request] if self.link.autopilot.sysid is not None else []
+
     def end(self, reason: str) -> None:
         """Ask for a polite end: hold, then silence."""
         self.end_reason = self.end_reason or reason
@@ -253,6 +267,7 @@ class Flight:
         if self.link.latch_commands != self._latch_commands:
             self._latch_commands = self.link.latch_commands
             opened = authority.open_latch()
+            self._frames.append(self.link.answer_latch(opened))
             self._say(now_s, "latch opened" if opened else "latch kept: no settled mode", INFO if opened else WARNING)
 
     def _on_phase(self, now_s: float, decision: Decision) -> None:

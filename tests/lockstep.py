@@ -127,6 +127,7 @@ class Rig:
         self.log = Log(config.orbit.radius_m)
         self.app_frames: list[tuple[float, bytes]] = []
         self.frozen = False
+        self.deaf = False  # nothing that the vehicle sends arrives
         self._wires = wires or Wires(Wire(), Wire())
         self._vehicle_zero_s = 0.0
         self._waiting: list[bytes] = []  # in the app's sockets
@@ -136,9 +137,10 @@ class Rig:
         """One tick of the grid; with the app frozen the vehicle flies alone and its bytes wait."""
         self._n += 1
         self.now_s = self._n * self.tick_s
-        self.stub.advance(self.now_s - self._vehicle_zero_s)
+        self.stub.advance(max(0.0, self.now_s - self._vehicle_zero_s))
         for data in self.stub.take(OFFBOARD_LINK):
-            self._wires.to_app.put(data, self.now_s)
+            if not self.deaf:
+                self._wires.to_app.put(data, self.now_s)
         self._waiting += self._wires.to_app.due(self.now_s)
         if self.frozen:
             self._arrive()
@@ -174,9 +176,9 @@ class Rig:
         self.flight = Flight(self.config)
         self._waiting = []
 
-    def reboot_vehicle(self, stub_config: StubConfig) -> None:
-        """The autopilot starts again, its clock at zero; where and how is for the caller to say."""
-        self._vehicle_zero_s = self.now_s
+    def reboot_vehicle(self, stub_config: StubConfig, silent_s: float = 0.0) -> None:
+        """The autopilot starts again after a silence, its clock at zero; where and how is for the caller to say."""
+        self._vehicle_zero_s = self.now_s + silent_s
         self.stub = Stub(stub_config)
         self.pilot = Peer(self.stub)
 

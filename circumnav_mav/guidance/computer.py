@@ -172,7 +172,7 @@ class GuidanceComputer:
         self, now_s: float, status: Status, estimate: Estimate | None
     ) -> tuple[TurnRateSetpoint | None, float, bool]:
         stay = TurnRateSetpoint(now_s, 0.0, 0.0, self.hold_height_m)
-        if self.phase in (Phase.READY, Phase.RANGE_LOST):
+        if self.phase is Phase.READY or (self.phase is Phase.RANGE_LOST and status.held):
             return stay, nan, False
         if self.phase not in ENGAGED:
             return None, nan, False

@@ -19,7 +19,7 @@ ARMED = 0x80
 STATUS_STANDBY = 3
 STATUS_CRITICAL = 5
 SILENT_AFTER_S = 3.5
-"""HEARTBEAT comes at 1 Hz: three missed ones, and the autopilot counts as not heard."""
+"""HEARTBEAT comes at 1 Hz, CURRENT_MODE at 2 Hz: without either for so long, the autopilot counts as not heard."""
 REBOOT_JUMP_MS = 5000
 """A boot clock that goes back by more than any reordering could means that the autopilot has restarted."""
 MODE_MESSAGES = ("HEARTBEAT", "CURRENT_MODE")
@@ -110,8 +110,8 @@ class Autopilot:
         return tuple(self._handlers)
 
     def heard(self, now_s: float) -> bool:
-        """Return whether the autopilot is there: a heartbeat not older than `SILENT_AFTER_S`."""
-        return now_s - self.heartbeat_s <= SILENT_AFTER_S
+        """Return whether the autopilot is there: its mode was shown within the last `SILENT_AFTER_S`."""
+        return now_s - self.mode_s <= SILENT_AFTER_S
 
     def on_message(self, message: Message, now_s: float) -> bool:
         """Take in a message; return whether it came from the autopilot."""
@@ -143,6 +143,8 @@ class Autopilot:
     def _heartbeat(self, fields: Any, now_s: float) -> None:
         self.kind, self.vehicle_type = fields.autopilot, fields.type
         self.armed = bool(fields.base_mode & ARMED)
+        if fields.custom_mode != self.custom_mode:
+            self.intended_mode = None  # what CURRENT_MODE said belongs to the mode before
         self.custom_mode = fields.custom_mode
         self.system_status = fields.system_status
         self.heartbeat_s = self.mode_s = now_s

@@ -74,7 +74,7 @@ class AutoEngage:
         ap = self._link.autopilot
         if ap.custom_mode is None or (ap.in_air is None and not ap.armed):
             return False
-        if ap.armed or ap.in_air:
+        if ap.armed or ap.in_air or ap.custom_mode == self._link.words.ours:  # left over: a flight was cut short
             self.step = Step.LEFT_TO_PILOT
         return True
 

@@ -17,15 +17,20 @@ from circumnav_mav.mavlink.codec import Decoder, Frame, Message, Packer, Splitte
 from circumnav_mav.mavlink.commands import Command, CommandQueue
 from circumnav_mav.mavlink.dialect import by_name, enums
 from circumnav_mav.mavlink.modes import ModeWords
-from circumnav_mav.mavlink.offboard import Authority, ModeRequest
+from circumnav_mav.mavlink.offboard import Authority, ModeRequest, Seen
 from circumnav_mav.mavlink.streams import WANTED_HZ, interval_us, unwanted
 
 COMPANION_COMPONENT = 191
 HEARTBEAT_S = 1.0
+ASK_MODE_S = 0.1
+"""While the mode is not known, it is asked for so often: PX4 gives up a silent companion after about a second."""
+NEED_HZ = 1.0
+"""Rate to ask for what a vehicle class needs to hear, without flying on it."""
 PARAM_INT32 = 6
 STATUSTEXT_LENGTH = 50
 COMMANDS = frozenset({"COMMAND_LONG", "COMMAND_INT"})
-OWN_MESSAGES = ("COMMAND_ACK", "COMMAND_LONG", "COMMAND_INT", "TIMESYNC", "PARAM_VALUE", "STATUSTEXT")
+SETPOINTS = frozenset({"SET_POSITION_TARGET_LOCAL_NED", "SET_POSITION_TARGET_GLOBAL_INT", "SET_ATTITUDE_TARGET"})
+OWN_MESSAGES = ("COMMAND_ACK", *COMMANDS, "TIMESYNC", "PARAM_VALUE", "STATUSTEXT", *SETPOINTS)
 
 
 class AutopilotLink:
@@ -46,10 +51,12 @@ class AutopilotLink:
         """How often MAV_CMD_USER_1 came for this component: the operator's wish to be followed again."""
         self.autopilot_texts: list[str] = []
         self._wanted_hz = wanted_hz
-        self._splitter = Splitter()
-        self._decoder = Decoder({*self.autopilot.messages, *OWN_MESSAGES, *subscribed})
+        read = {*self.autopilot.messages, *OWN_MESSAGES, *subscribed}
+        self._splitter = Splitter(read)
+        self._decoder = Decoder(read)
         self._packer = Packer(1, COMPANION_COMPONENT)
         self._heartbeat_next_s = nan
+        self._ask_mode_next_s = nan
         self._set_up_for: tuple[int | None, int] = (None, 0)
         self.counts = self._splitter.counts
         self._theirs_alone = frozenset(self.autopilot.messages) - set(subscribed)
@@ -73,6 +80,9 @@ class AutopilotLink:
                 continue
             name = message[0]
             if autopilot.on_message(message, now_s):
+                if autopilot.reboots != self._reboots:
+                    self._reboots = autopilot.reboots
+                    self.authority.lost("the autopilot has restarted")
                 handler = handlers.get(name)
                 if handler is not None:
                     handler(message.fields, now_s)
@@ -80,6 +90,9 @@ class AutopilotLink:
                     continue
             elif name in COMMANDS:
                 self._command_for_us(message)
+                continue
+            elif name == "HEARTBEAT" or name in SETPOINTS:
+                self._watch_rivals(message, now_s)
                 continue
             if name not in OWN_MESSAGES:
                 others.append(message)
@@ -101,6 +114,18 @@ class AutopilotLink:
             self._timesync = fields.ts1
 
     _timesync: int | None = None
+    _reboots: int = 0
+    _latch_asked_by: tuple[int, int] = (0, 0)
+
+    def _watch_rivals(self, message: Message, now_s: float) -> None:
+        """Our own frames never come back to us: what speaks as we do, or flies what we fly, is somebody else."""
+        vehicle = self.autopilot.sysid or 1
+        who = f"system {message.sysid} component {message.compid}"
+        if message.name in SETPOINTS:
+            if message.fields.target_system in (0, vehicle) and self.autopilot.sysid is not None:
+                self.authority.rival(now_s, who, flies=True)
+        elif (message.sysid, message.compid) == (vehicle, COMPANION_COMPONENT):
+            self.authority.rival(now_s, who, flies=False)
 
     def _for_us(self, fields: Any) -> bool:
         return fields.target_system in (0, self._packer.sysid) and fields.target_component in (0, COMPANION_COMPONENT)
@@ -109,6 +134,7 @@ class AutopilotLink:
         fields = message.fields
         if fields.command == enums.MAV_CMD_USER_1 and self._for_us(fields) and fields.target_component:
             self.latch_commands += 1
+            self._latch_asked_by = (message.sysid, message.compid)
 
     def _on_parameter(self, fields: Any, now_s: float) -> None:
         name = fields.param_id.split(b"\0")[0].decode("ascii", "replace")
@@ -133,6 +159,8 @@ class AutopilotLink:
             due.append(self._packer.pack("TIMESYNC", tc1=int(now_s * 1e9), ts1=self._timesync))
             self._timesync = None
         due += [self._command(command) for command in self.commands.poll(now_s)]
+        if self.authority.seen() is Seen.NOTHING and not now_s < self._ask_mode_next_s:
+            due.append(self._ask_mode(now_s))  # the last answer may have been lost
         due += [self._mode(request) for request in self.authority.poll(now_s)]
         return due
 
@@ -144,8 +172,31 @@ class AutopilotLink:
     def after_gap(self, now_s: float) -> bytes:
         """The app was away: believe nothing older than now; return a request for the mode, so as to know it soon."""
         self.authority.gap(now_s)
+        return self._ask_mode(now_s)
+
+    def _ask_mode(self, now_s: float) -> bytes:
+        """Return a request for the message that shows the mode."""
+        self._ask_mode_next_s = now_s + ASK_MODE_S
         request = (float(by_name("CURRENT_MODE" if self.words.tells_intention else "HEARTBEAT").msgid),)
         return self._command(Command(enums.MAV_CMD_REQUEST_MESSAGE, request + (0.0,) * 6, "mode"))
+
+    def reconnected(self, now_s: float) -> bytes:
+        """The link was lost and is back: set it up again, its settings went with it; then as after any gap."""
+        self._set_up_for = (None, 0)
+        return self.after_gap(now_s)
+
+    def answer_latch(self, opened: bool) -> bytes:
+        """Return the COMMAND_ACK for the operator's MAV_CMD_USER_1."""
+        system, component = self._latch_asked_by
+        return self._packer.pack(
+            "COMMAND_ACK",
+            command=enums.MAV_CMD_USER_1,
+            result=enums.MAV_RESULT_ACCEPTED if opened else enums.MAV_RESULT_TEMPORARILY_REJECTED,
+            progress=0,
+            result_param2=0,
+            target_system=system,
+            target_component=component,
+        )
 
     def statustext(self, text: str, severity: int) -> list[bytes]:
         """Return a text for the ground station, which the autopilot forwards: in chunks where it is long."""
@@ -185,7 +236,7 @@ class AutopilotLink:
     def ask_for(self, names: Iterable[str]) -> None:
         """Ask for streams of the vehicle class, at their rates."""
         for name in names:
-            self._ask_for(name, self._wanted_hz[name])
+            self._ask_for(name, self._wanted_hz.get(name, NEED_HZ))
 
     def _ask_for(self, name: str, rate_hz: float) -> None:
         self.commands.push(

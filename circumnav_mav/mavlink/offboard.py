@@ -18,6 +18,12 @@ Transitions on a mode message (state x what it shows -> state; RELEASED is latch
     HELD        x anything else              -> RELEASED     pilot, ground station or failsafe
     GIVING_BACK x anything but OFFBOARD      -> GIVEN_BACK   what we asked for
     GIVEN_BACK  x a settled mode             -> NOT_HELD     may be engaged again by the pilot
+
+Without a mode message, ASKED, HELD and GIVING_BACK become RELEASED when the autopilot has not been heard for
+SILENT_AFTER_S, when it has restarted, and when somebody else sends setpoints to it. Somebody who merely speaks under
+our ids keeps us from engaging. RELEASED is left by a restart of the app, or by the operator's command (`open_latch`).
+
+Mode requests: to enter OFFBOARD while ASKED; to leave it while GIVING_BACK and OFFBOARD is shown. No others.
 """
 
 from __future__ import annotations
@@ -27,13 +33,15 @@ from math import inf, nan
 from typing import NamedTuple
 
 from circumnav_mav.mavlink import px4_modes
-from circumnav_mav.mavlink.autopilot import STATUS_CRITICAL, Autopilot
+from circumnav_mav.mavlink.autopilot import SILENT_AFTER_S, STATUS_CRITICAL, Autopilot
 from circumnav_mav.mavlink.modes import ModeWords
 
 ASK_AGAIN_S = 1.0
 ASKS = 3
 PRIMED_WITHIN_S = 0.5
 """A request goes out only behind a setpoint younger than this: PX4 refuses one that comes first."""
+RIVAL_WITHIN_S = 5.0
+"""So long after it was last heard, another companion is taken to be there."""
 READY_WITHIN_S = 0.5
 """A pilot who chooses the mode means this app if it said that it is ready so lately."""
 
@@ -66,6 +74,8 @@ class ModeRequest(NamedTuple):
     custom_mode: int
 
 
+WITH_AUTHORITY = frozenset({Control.ASKED, Control.HELD, Control.GIVING_BACK})
+
 _ON_MODE: dict[tuple[Control, Seen], tuple[Control, str]] = {
     (Control.ASKED, Seen.OFFBOARD): (Control.HELD, "{ours} confirmed by the autopilot"),
     (Control.HELD, Seen.OFFBOARD_DISARMED): (Control.RELEASED, "the vehicle was disarmed"),
@@ -91,6 +101,8 @@ class Authority:
         self.loss_timeout_s = words.loss_timeout_s
         self.refused = False
         """Whether OFFBOARD was asked for `ASKS` times in vain."""
+        self._rival = ""
+        self._rival_s = -inf
         self._blind_since_s = -inf
         """Mode messages up to this time prove nothing."""
         self._sent_s = nan
@@ -124,9 +136,12 @@ class Authority:
             return False
         if self.control is Control.GIVING_BACK:
             return self._give_back_mode is not None
-        if self.control in (Control.HELD, Control.ASKED):
+        if self.control is Control.HELD:
             return True
-        return self.control is Control.NOT_HELD and seen is Seen.SETTLED and self._words.stream_first
+        if self._has_rival(now_s):
+            return False
+        early = self.control is Control.NOT_HELD and seen is Seen.SETTLED and self._words.stream_first
+        return early or self.control is Control.ASKED
 
     def why_not(self, now_s: float) -> str:
         """Return in words why no setpoint may leave now; empty where one may."""
@@ -136,6 +151,8 @@ class Authority:
             return "the autopilot is not heard"
         if self.control in (Control.RELEASED, Control.GIVING_BACK, Control.GIVEN_BACK):
             return self.reason
+        if self._has_rival(now_s):
+            return self._rival
         ours = self._words.ours_name
         return {
             Seen.NOTHING: "waiting for a mode message newer than the gap",
@@ -167,8 +184,29 @@ class Authority:
         return self._was_elsewhere and now_s - self._ready_s <= READY_WITHIN_S
 
     def _pilot_chose_while_asked(self, seen: Seen) -> bool:
-        others = (Seen.SETTLED, Seen.FAILSAFE, Seen.UNCLEAR)
-        return self.control is Control.ASKED and seen in others and self._autopilot.custom_mode != self._asked_mode
+        if self.control is not Control.ASKED or seen not in (Seen.SETTLED, Seen.FAILSAFE, Seen.UNCLEAR):
+            return False
+        ap = self._autopilot
+        return ap.custom_mode != self._asked_mode or ap.system_status >= STATUS_CRITICAL
+
+    def lost(self, reason: str) -> None:
+        """The autopilot is gone or has restarted: whatever it does now, it is not ours any more."""
+        if self.control in WITH_AUTHORITY:
+            self._to(Control.RELEASED, reason)
+
+    def rival(self, now_s: float, who: str, *, flies: bool) -> None:
+        """Somebody else speaks as this app, or (flies) sends setpoints to the vehicle. Never fought, never joined."""
+        self._rival_s = now_s
+        if flies:
+            self._rival = f"{who} sends setpoints to this vehicle: two must not fly it; stop one of them"
+            self.lost(self._rival)
+        else:
+            self._rival = (
+                f"another program on the link speaks as {who}: stop it (or the router that sends our own messages back)"
+            )
+
+    def _has_rival(self, now_s: float) -> bool:
+        return now_s - self._rival_s <= RIVAL_WITHIN_S
 
     def gap(self, now_s: float) -> None:
         """The app was away (a lag above half the loss timeout, SIGCONT, silence): believe only newer mode messages."""
@@ -212,12 +250,14 @@ class Authority:
 
     def poll(self, now_s: float) -> list[ModeRequest]:
         """Return the mode requests that are due."""
-        if self.control is Control.ASKED:
+        if not self._autopilot.heard(now_s):
+            self.lost(f"the autopilot was not heard for {SILENT_AFTER_S:g} s")
+        elif self.control is Control.ASKED:
             if self._primed(now_s, PRIMED_WITHIN_S) and now_s >= self._ask_next_s:
                 return self._ask(self._words.ours, now_s)
         elif self.control is Control.GIVING_BACK and now_s >= self._ask_next_s:
             if self._give_back_mode is not None:
-                return self._ask(self._give_back_mode, now_s)
+                return self._ask(self._give_back_mode, now_s) if self.seen() is Seen.OFFBOARD else []
             if now_s >= self._ask_next_s + self.loss_timeout_s + ASK_AGAIN_S:
                 self._to(Control.GIVEN_BACK, "streaming stopped")
         return []
