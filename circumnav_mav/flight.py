@@ -171,7 +171,8 @@ class Flight:
         self._follow_operator(now_s)
         self._judge(now_s)
         if self._auto is not None and link.autopilot.heard(now_s):
-            self._auto.tick(now_s, ready=self.computer.phase is Phase.READY)
+            ready = self.computer.phase is Phase.READY
+            self._auto.tick(now_s, ready=ready, may_ask=ready and not self._encoder.lacks)
         decision = self.computer.tick(now_s, self._status(now_s))
         self._on_phase(now_s, decision)
         frames, self._frames = self._frames, []
@@ -229,7 +230,7 @@ class Flight:
             return self.unfit.text
         if phase is Phase.READY and self._auto is not None and self._auto.step is not Step.LEFT_TO_PILOT:
             return self._auto.step.value
-        return ""
+        return self._encoder.lacks if phase is Phase.READY else ""
 
     def _status(self, now_s: float) -> Status:
         authority = self.link.authority
