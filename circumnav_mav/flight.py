@@ -151,18 +151,18 @@ class Flight:
         """The process was stopped and continues (SIGCONT): the next tick counts as one after a gap, however short."""
         self._stopped = True
 
-    def resume(self, now_s: float, take_in: Callable[[], float]) -> tuple[float, list[bytes]]:
+    def resume(self, now_s: float, take_in: Callable[[], float]) -> float:
         """Begin a tick: after a gap, `take_in` all that waits in the links, and believe no mode message older than now.
 
-        take_in returns the time when it is done. Return (the time to tick at, frames to send first). To be called
-        before every `tick`.
+        take_in returns the time when it is done. Return the time to tick at. To be called before every `tick`.
         """
         if not self.was_away(now_s):
-            return now_s, []
+            return now_s
         now_s = take_in()
         self._stopped = False
         self._say(now_s, "the loop was held up: no setpoint before a fresh mode message", WARNING)
-        return now_s, [self.link.after_gap(now_s)]
+        self._frames.append(self.link.after_gap(now_s))
+        return now_s
 
     def tick(self, now_s: float, lateness_s: float = 0.0, missed_ticks: int = 0) -> tuple[list[bytes], TickRecord]:
         """Decide and return (frames to send now, the record of this tick)."""
@@ -175,17 +175,18 @@ class Flight:
             self._auto.tick(now_s, ready=ready, may_ask=ready and not self._encoder.lacks)
         decision = self.computer.tick(now_s, self._status(now_s))
         self._on_phase(now_s, decision)
-        frames, self._frames = self._frames, []
         self._sent_rad_s = nan
         if decision.setpoint is not None and authority.may_stream(now_s):
             encoded = self._encoder.encode(decision.setpoint, link.autopilot.state(now_s), now_s)
             if encoded is not None:
-                frames.append(link.setpoint(*encoded, now_s))
+                self._frames.append(link.setpoint(*encoded, now_s))
                 self._sent_rad_s = decision.setpoint.turn_rate_rad_s
         self._invite(now_s)
-        frames += link.poll(now_s) + link.read_parameters(now_s)
+        self._frames += link.poll(now_s) + link.read_parameters(now_s)
         self._tell_failures(now_s)
         self._tell_signing(now_s)
+        # In the order in which they were packed: a receiver of signed frames refuses one that is overtaken.
+        frames, self._frames = self._frames, []
         return frames, self._record(now_s, decision, lateness_s, missed_ticks)
 
     def link_lost(self, link: str, now_s: float, words: str) -> None:

@@ -127,8 +127,7 @@ class App:
         self._ticks += 1
         self._missed += missed
         self._lateness_s = max(lateness_s, 0.9 * self._lateness_s)
-        now_s, first = self.flight.resume(now_s, self._take_in)
-        self._send(first)
+        now_s = self.flight.resume(now_s, self._take_in)
         self._last_tick_s = now_s
         frames, record = self.flight.tick(now_s, lateness_s, missed)
         self._send(frames)
