@@ -8,15 +8,16 @@
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Callable
-from math import inf, nan
+from math import inf, nan, pi
 from typing import NamedTuple
 
-from circumnav_mav.config import Config, guidance_settings
+from circumnav_mav.config import Config, guidance_settings, safety_limits
 from circumnav_mav.guidance.computer import Decision, GuidanceComputer, Status
 from circumnav_mav.guidance.kernel import Motion
-from circumnav_mav.guidance.phases import Phase
+from circumnav_mav.guidance.phases import ENGAGED, Phase
+from circumnav_mav.guidance.safety import Facts, Trip, Watch
 from circumnav_mav.mavlink import px4_modes
 from circumnav_mav.mavlink.codec import Frame
 from circumnav_mav.mavlink.dialect import enums
@@ -33,8 +34,10 @@ VEHICLE, RANGING = "vehicle", "ranging"
 HAND_OVER = {"hold": px4_modes.HOLD, "return": px4_modes.RETURN, "land": px4_modes.LAND, "stop": None}
 WARNING, INFO = 4, 6
 MOVING_M_S = 1.0
-TEXT_SEVERITY = {Phase.RELEASED: WARNING, Phase.RANGE_LOST: WARNING}
+TEXT_SEVERITY = {Phase.RELEASED: WARNING, Phase.RANGE_LOST: WARNING, Phase.BROKEN_OFF: WARNING}
 """MAV_SEVERITY of what a phase says; INFO for the others."""
+NEEDED_ESTIMATES = {"px4_multirotor": enums.ESTIMATOR_ATTITUDE | enums.ESTIMATOR_VELOCITY_HORIZ}
+"""ESTIMATOR_STATUS_FLAGS that a vehicle class cannot fly without; attitude for the others."""
 
 
 class TickRecord(NamedTuple):
@@ -92,6 +95,13 @@ class Flight:
         self._ticked_s = nan
         self._stopped = False
         self._frames: list[bytes] = []
+        self._watch = Watch(*safety_limits(config))
+        self._trip: Trip | None = None
+        self._engaged_since_s = nan
+        self._turned_rad = 0.0
+        self._restarts = 0
+        self._restarts_s: deque[float] = deque(maxlen=32)
+        self._end_mode: int | None = px4_modes.HOLD
 
     # -- bytes in ---------------------------------------------------------------------------------------------------
 
@@ -155,11 +165,13 @@ class Flight:
     def tick(self, now_s: float, lateness_s: float = 0.0, missed_ticks: int = 0) -> tuple[list[bytes], TickRecord]:
         """Decide and return (frames to send now, the record of this tick)."""
         link, authority = self.link, self.link.authority
+        self._look_out(now_s)
         self._ticked_s = now_s
         self._follow_operator(now_s)
         if self._auto is not None and link.autopilot.heard(now_s):
             self._auto.tick(now_s, ready=self.computer.phase is Phase.READY)
         decision = self.computer.tick(now_s, self._status(now_s))
+        self._r_m = decision.estimate.r if decision.estimate else nan
         self._on_phase(now_s, decision)
         frames, self._frames = self._frames, []
         self._sent_rad_s = nan
@@ -174,9 +186,50 @@ class Flight:
         self._tell_failures(now_s)
         return frames, self._record(now_s, decision, lateness_s, missed_ticks)
 
-    def end(self, reason: str) -> None:
-        """Ask for a polite end: hold, then silence."""
-        self.end_reason = self.end_reason or reason
+    def _look_out(self, now_s: float) -> None:
+        """Walk the table of causes that end a flight."""
+        ap, phase, computer = self.link.autopilot, self.computer.phase, self.computer
+        engaged = phase in ENGAGED
+        if not engaged:
+            self._engaged_since_s, self._turned_rad = nan, 0.0
+            self._restarts_s.clear()
+        elif not now_s >= self._engaged_since_s:
+            self._engaged_since_s = now_s
+        if phase is Phase.ORBITING and (u := ap.turn_rate_rad_s(now_s)) == u:
+            self._turned_rad += u * (now_s - self._ticked_s)
+        self._count_restarts(now_s, engaged)
+        needed = NEEDED_ESTIMATES.get(self._config.vehicle.kind, enums.ESTIMATOR_ATTITUDE)
+        facts = Facts(
+            r_m=self._r_m if engaged and computer.entered else nan,
+            battery_pct=ap.battery_pct,
+            battery_alarm=ap.battery_alarm,
+            height_age_s=now_s - ap.height_s if engaged else nan,
+            estimates_missing=ap.estimator_flags is not None and ap.estimator_flags & needed != needed,
+            restarts_a_minute=len(self._restarts_s),
+            engaged_s=now_s - self._engaged_since_s,
+            laps=abs(self._turned_rad) / (2 * pi),
+        )
+        self._trip, news = self._watch.check(now_s, facts)
+        for trip in news:
+            self._say(now_s, f"{trip.text}: {trip.action.replace('_', ' ')}", WARNING)
+        if self._trip is not None and self._trip.ends:
+            self.end(self._trip.text, HAND_OVER[self._trip.action])
+
+    def _count_restarts(self, now_s: float, engaged: bool) -> None:
+        restarts = self.computer.estimator.restarts
+        if engaged and restarts > self._restarts:
+            self._restarts_s.append(now_s)
+            self._say(now_s, "the ranges outvoted the estimate, which starts again", WARNING)
+        self._restarts = restarts
+        while self._restarts_s and now_s - self._restarts_s[0] > 60.0:
+            self._restarts_s.popleft()
+
+    _r_m: float = nan
+
+    def end(self, reason: str, mode: int | None = px4_modes.HOLD) -> None:
+        """Ask for a polite end: that mode (None: no request), then silence."""
+        if not self.end_reason:
+            self.end_reason, self._end_mode = reason, mode
 
     @property
     def done(self) -> bool:
@@ -204,15 +257,21 @@ class Flight:
             held=control in (Control.HELD, Control.GIVING_BACK),
             released=control is Control.RELEASED,
             ending=bool(self.end_reason) and control is not Control.ASKED,
-            why=self.end_reason if self.end_reason and control is not Control.RELEASED else authority.reason,
+            why=authority.reason if control is Control.RELEASED else self._why(),
             motion=self._motion(now_s),
             height_m=self._height_m(now_s),
+            broken=self._trip is not None and not self._trip.ends,
         )
+
+    def _why(self) -> str:
+        if self.end_reason:
+            return self.end_reason
+        return self._trip.text if self._trip else self.link.authority.reason
 
     def _follow_operator(self, now_s: float) -> None:
         authority = self.link.authority
         if self.end_reason and authority.control is Control.HELD:
-            authority.give_back(px4_modes.HOLD, now_s, self.end_reason)
+            authority.give_back(self._end_mode, now_s, self.end_reason)
         if self.link.latch_commands != self._latch_commands:
             self._latch_commands = self.link.latch_commands
             opened = authority.open_latch()
@@ -229,6 +288,10 @@ class Flight:
         if phase is Phase.RANGE_LOST:
             action = self._config.on_range_lost
             self.link.authority.give_back(HAND_OVER[action], now_s, f"range lost: {action}")
+        elif phase is Phase.BROKEN_OFF and self._trip is not None:
+            self.link.authority.give_back(
+                HAND_OVER[self._trip.action], now_s, f"{self._trip.text}: {self._trip.action}"
+            )
         self._invited = False
         self._say(now_s, f"{phase}: {decision.reason}", TEXT_SEVERITY.get(phase, INFO))
 

@@ -10,6 +10,8 @@ WANTED_HZ: dict[str, float] = {
     "GLOBAL_POSITION_INT": 5.0,
     "EXTENDED_SYS_STATE": 2.0,
     "SYS_STATUS": 1.0,
+    "BATTERY_STATUS": 1.0,
+    "ESTIMATOR_STATUS": 2.0,
 }
 """Messages the app lives on, by rate. A vehicle class adds its own."""
 
@@ -23,7 +25,6 @@ UNWANTED: tuple[str, ...] = (
     "POSITION_TARGET_LOCAL_NED",
     "SERVO_OUTPUT_RAW",
     "GPS_RAW_INT",
-    "ESTIMATOR_STATUS",
     "OPEN_DRONE_ID_LOCATION",
     "OPEN_DRONE_ID_SYSTEM",
     "SCALED_PRESSURE",
