@@ -13,7 +13,7 @@ import yaml
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
 
 from circumnav_mav import endpoint
-from circumnav_mav.guidance.computer import GuidanceSettings, band_margin_m
+from circumnav_mav.guidance.computer import GuidanceSettings, band_of
 from circumnav_mav.guidance.estimators import ESTIMATORS
 from circumnav_mav.guidance.kernel import LawContext
 from circumnav_mav.guidance.laws import LAWS
@@ -321,16 +321,16 @@ def cross_checks(config: Config) -> Iterator[tuple[str, str]]:
             f"flying {orbit.speed_m_s:g} m/s on {orbit.radius_m:g} m turns at {needed:.3f} rad/s, above "
             f"limits.turn_rate_rad_s = {limits.turn_rate_rad_s:g}: raise the radius or the limit, or fly slower",
         )
-    room_m = 2.0 * band_margin_m(config.ranging.sigma_m)
+    room_m = 2.0 * band_of(guidance_settings(config)).margin
     if orbit.r_min_m is not None and orbit.r_min_m > orbit.radius_m - room_m:
         yield (
             "orbit.r_min_m",
-            f"must be at least {room_m:g} m below the radius: the barrier would bend the orbit itself",
+            f"must be at least {room_m:.1f} m below the radius: the barrier would bend the orbit itself",
         )
     if orbit.r_max_m is not None and orbit.r_max_m < orbit.radius_m + room_m:
         yield (
             "orbit.r_max_m",
-            f"must be at least {room_m:g} m above the radius: the barrier would bend the orbit itself",
+            f"must be at least {room_m:.1f} m above the radius: the barrier would bend the orbit itself",
         )
     law = LAWS[config.law.name]
     unknown = set(config.law.options) - set(law.options)

@@ -203,7 +203,7 @@ class Flight:
             r_m=self._r_m if engaged and computer.entered else nan,
             battery_pct=ap.battery_pct,
             battery_alarm=ap.battery_alarm,
-            height_age_s=now_s - ap.height_s if engaged else nan,
+            height_age_s=ap.mode_s - ap.height_s if engaged else nan,  # a silent link is another cause
             estimates_missing=ap.estimator_flags is not None and ap.estimator_flags & needed != needed,
             restarts_a_minute=len(self._restarts_s),
             engaged_s=now_s - self._engaged_since_s,
@@ -219,7 +219,7 @@ class Flight:
         restarts = self.computer.estimator.restarts
         if engaged and restarts > self._restarts:
             self._restarts_s.append(now_s)
-            self._say(now_s, "the ranges outvoted the estimate, which starts again", WARNING)
+            self._say(now_s, "the ranges outvoted the estimate, which starts again", INFO)
         self._restarts = restarts
         while self._restarts_s and now_s - self._restarts_s[0] > 60.0:
             self._restarts_s.popleft()

@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import inf, isfinite, isnan, nan, sqrt
 
-from circumnav_mav.guidance.barrier import Band, within
+from circumnav_mav.guidance.barrier import Band, margin_m, within
 from circumnav_mav.guidance.estimators import make
 from circumnav_mav.guidance.kernel import Estimate, EstimatorContext, Law, LawContext, Motion, mirror
 from circumnav_mav.guidance.laws import LAWS
@@ -93,14 +93,7 @@ class GuidanceComputer:
             )
         self._limiter = TurnRateLimiter(s.context.turn_rate_limit, s.turn_accel_limit_rad_s2)
         self.band_m = max(BAND_SHARE * s.context.r_a, 3.0 * s.sigma_m)
-        self._band = Band(
-            s.r_min_m,
-            s.r_max_m,
-            band_margin_m(s.sigma_m),
-            s.context.turn_rate_limit,
-            s.context.turn_lag_s + s.context.turn_rate_limit / s.turn_accel_limit_rad_s2,
-            side,
-        )
+        self._band = band_of(s)
         self.entered = False
         """Whether the range has been within r_min..r_max since the engagement: r_max binds only from then on."""
         self.phase = Phase.WAITING_AUTOPILOT
@@ -213,9 +206,12 @@ class GuidanceComputer:
         return now_s - self._fresh_s
 
 
-def band_margin_m(sigma_m: float) -> float:
-    """Return the width over which the barrier of a range band takes over, for ranges of this noise."""
-    return max(1.0, 3.0 * sigma_m)
+def band_of(s: GuidanceSettings) -> Band:
+    """Return the range band that these settings ask for."""
+    limit = s.context.turn_rate_limit
+    reaction_s = s.context.turn_lag_s + limit / s.turn_accel_limit_rad_s2
+    side = 1.0 if s.clockwise else -1.0
+    return Band(s.r_min_m, s.r_max_m, margin_m(s.sigma_m, s.context.V, reaction_s), limit, reaction_s, side)
 
 
 def _since(since_s: float, now_s: float, holds: bool) -> float:
