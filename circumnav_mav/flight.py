@@ -8,36 +8,35 @@
 
 from __future__ import annotations
 
-from collections import Counter, deque
+from collections import Counter
 from collections.abc import Callable
-from math import inf, nan, pi
+from math import inf, nan
 from typing import NamedTuple
 
-from circumnav_mav.config import Config, guidance_settings, safety_limits
+from circumnav_mav.config import Config, guidance_settings
 from circumnav_mav.guidance.computer import Decision, GuidanceComputer, Status
 from circumnav_mav.guidance.kernel import Motion
 from circumnav_mav.guidance.phases import ENGAGED, Phase
-from circumnav_mav.guidance.safety import Facts, Trip, Watch
-from circumnav_mav.mavlink import px4_modes
+from circumnav_mav.lookout import Lookout
 from circumnav_mav.mavlink.codec import Frame
 from circumnav_mav.mavlink.dialect import enums
 from circumnav_mav.mavlink.engage import AutoEngage, Step
 from circumnav_mav.mavlink.link import AutopilotLink
 from circumnav_mav.mavlink.offboard import Control
-from circumnav_mav.mavlink.setpoints import ENCODERS, SetpointLimits
+from circumnav_mav.mavlink.vehicles import VEHICLES
+from circumnav_mav.mavlink.vehicles.fitness import Fitness, Unfit
 from circumnav_mav.range_feed import RangeFeed
 from circumnav_mav.types import RangeSample, Rejected
 
 VEHICLE, RANGING = "vehicle", "ranging"
 """Names of the two links. Ranges come on the first unless ranging.endpoint opens the second."""
 
-HAND_OVER = {"hold": px4_modes.HOLD, "return": px4_modes.RETURN, "land": px4_modes.LAND, "stop": None}
 WARNING, INFO = 4, 6
 MOVING_M_S = 1.0
 TEXT_SEVERITY = {Phase.RELEASED: WARNING, Phase.RANGE_LOST: WARNING, Phase.BROKEN_OFF: WARNING}
 """MAV_SEVERITY of what a phase says; INFO for the others."""
-NEEDED_ESTIMATES = {"px4_multirotor": enums.ESTIMATOR_ATTITUDE | enums.ESTIMATOR_VELOCITY_HORIZ}
-"""ESTIMATOR_STATUS_FLAGS that a vehicle class cannot fly without; attitude for the others."""
+UNFIT_TOLD_AFTER_S = 4.0
+"""Streams take a moment to begin after they are asked for."""
 
 
 class TickRecord(NamedTuple):
@@ -77,11 +76,19 @@ class Flight:
     def __init__(self, config: Config) -> None:
         self._config = config
         self.ranges = RangeFeed(config.ranging)
-        self.link = AutopilotLink(() if self.ranges.own_link else self.ranges.messages)
+        vehicle = config.vehicle_class
+        self._vehicle, self.words = vehicle, vehicle.words
+        subscribed = () if self.ranges.own_link else self.ranges.messages
+        self.link = AutopilotLink(subscribed, vehicle.messages_hz, vehicle.words)
         self.computer = GuidanceComputer(guidance_settings(config))
-        limits = SetpointLimits(config.limits.turn_rate_rad_s, config.orbit.speed_m_s)
-        self._encoder = ENCODERS[config.vehicle.kind](limits, config.vehicle.lead_s)
-        self._auto = AutoEngage(self.link, config.orbit.height_m or nan) if config.engage == "auto" else None
+        self.lookout = Lookout(config, self.link.autopilot, self.computer)
+        self._encoder = vehicle.encoder(config.encoder_options())
+        self._fitness = Fitness(vehicle, VEHICLES.values())
+        self.unfit: Unfit | None = None
+        """Why the autopilot that is heard cannot be flown by this vehicle class."""
+        self._auto: AutoEngage | None = None
+        if config.engage == "auto" and vehicle.take_off is not None:
+            self._auto = AutoEngage(self.link, vehicle.take_off, config.orbit.height_m or nan)
         self.events: list[Event] = []
         self.rejected: Counter[str] = Counter()
         self.engaged_s = nan
@@ -92,16 +99,13 @@ class Flight:
         self._latch_commands = 0
         self._phase = self.computer.phase
         self._failures_told = 0
+        self._unfit_since_s = nan
+        self._unfit_told = ""
         self._ticked_s = nan
         self._stopped = False
         self._frames: list[bytes] = []
-        self._watch = Watch(*safety_limits(config))
-        self._trip: Trip | None = None
-        self._engaged_since_s = nan
-        self._turned_rad = 0.0
-        self._restarts = 0
-        self._restarts_s: deque[float] = deque(maxlen=32)
-        self._end_mode: int | None = px4_modes.HOLD
+        self._r_m = nan
+        self._end_action = "hold"
 
     # -- bytes in ---------------------------------------------------------------------------------------------------
 
@@ -168,6 +172,7 @@ class Flight:
         self._look_out(now_s)
         self._ticked_s = now_s
         self._follow_operator(now_s)
+        self._judge(now_s)
         if self._auto is not None and link.autopilot.heard(now_s):
             self._auto.tick(now_s, ready=self.computer.phase is Phase.READY)
         decision = self.computer.tick(now_s, self._status(now_s))
@@ -176,60 +181,43 @@ class Flight:
         frames, self._frames = self._frames, []
         self._sent_rad_s = nan
         if decision.setpoint is not None and authority.may_stream(now_s):
-            name, fields = self._encoder.encode(decision.setpoint, self._height_m(now_s))
-            frames.append(link.setpoint(name, fields, now_s))
-            self._sent_rad_s = decision.setpoint.turn_rate_rad_s
-            if decision.phase is Phase.READY and not self._invited:
-                self._invited = True
-                self._say(now_s, "ready: streaming, select Offboard to engage", INFO)
+            encoded = self._encoder.encode(decision.setpoint, link.autopilot.state(now_s), now_s)
+            if encoded is not None:
+                frames.append(link.setpoint(*encoded, now_s))
+                self._sent_rad_s = decision.setpoint.turn_rate_rad_s
+        self._invite(now_s)
         frames += link.poll(now_s) + link.read_parameters(now_s)
         self._tell_failures(now_s)
         return frames, self._record(now_s, decision, lateness_s, missed_ticks)
 
+    def link_lost(self, link: str, now_s: float, words: str) -> None:
+        """A link broke. On the vehicle's, nothing is sent or believed until a mode message newer than the break."""
+        self._tell(now_s, f"{link} link lost: {words}", WARNING)
+        if link == VEHICLE:
+            self.link.authority.gap(now_s)
+
+    def link_back(self, link: str, now_s: float, words: str) -> list[bytes]:
+        """A link is open again; return what to send: on the vehicle's a request for the mode, and nothing else yet."""
+        self._tell(now_s, f"{link} link: {words}", INFO)
+        if link != VEHICLE:
+            return []
+        request = self.link.reconnected(now_s)
+        return [request] if self.link.autopilot.sysid is not None else []
+
     def _look_out(self, now_s: float) -> None:
         """Walk the table of causes that end a flight."""
-        ap, phase, computer = self.link.autopilot, self.computer.phase, self.computer
-        engaged = phase in ENGAGED
-        if not engaged:
-            self._engaged_since_s, self._turned_rad = nan, 0.0
-            self._restarts_s.clear()
-        elif not now_s >= self._engaged_since_s:
-            self._engaged_since_s = now_s
-        if phase is Phase.ORBITING and (u := ap.turn_rate_rad_s(now_s)) == u:
-            self._turned_rad += u * (now_s - self._ticked_s)
-        self._count_restarts(now_s, engaged)
-        needed = NEEDED_ESTIMATES.get(self._config.vehicle.kind, enums.ESTIMATOR_ATTITUDE)
-        facts = Facts(
-            r_m=self._r_m if engaged and computer.entered else nan,
-            battery_pct=ap.battery_pct,
-            battery_alarm=ap.battery_alarm,
-            height_age_s=ap.mode_s - ap.height_s if engaged else nan,  # a silent link is another cause
-            estimates_missing=ap.estimator_flags is not None and ap.estimator_flags & needed != needed,
-            restarts_a_minute=len(self._restarts_s),
-            engaged_s=now_s - self._engaged_since_s,
-            laps=abs(self._turned_rad) / (2 * pi),
-        )
-        self._trip, news = self._watch.check(now_s, facts)
+        news, restarted = self.lookout.look(now_s, self._r_m)
+        if restarted:
+            self._say(now_s, "the ranges outvoted the estimate, which starts again", INFO)
         for trip in news:
             self._say(now_s, f"{trip.text}: {trip.action.replace('_', ' ')}", WARNING)
-        if self._trip is not None and self._trip.ends:
-            self.end(self._trip.text, HAND_OVER[self._trip.action])
+        if (trip_now := self.lookout.trip) is not None and trip_now.ends:
+            self.end(trip_now.text, trip_now.action)
 
-    def _count_restarts(self, now_s: float, engaged: bool) -> None:
-        restarts = self.computer.estimator.restarts
-        if engaged and restarts > self._restarts:
-            self._restarts_s.append(now_s)
-            self._say(now_s, "the ranges outvoted the estimate, which starts again", INFO)
-        self._restarts = restarts
-        while self._restarts_s and now_s - self._restarts_s[0] > 60.0:
-            self._restarts_s.popleft()
-
-    _r_m: float = nan
-
-    def end(self, reason: str, mode: int | None = px4_modes.HOLD) -> None:
-        """Ask for a polite end: that mode (None: no request), then silence."""
+    def end(self, reason: str, action: str = "hold") -> None:
+        """Ask for a polite end: hand over to that action (hold, return, land), then silence."""
         if not self.end_reason:
-            self.end_reason, self._end_mode = reason, mode
+            self.end_reason, self._end_action = reason, action
 
     @property
     def done(self) -> bool:
@@ -238,13 +226,17 @@ class Flight:
 
     @property
     def problem(self) -> str:
-        """What the engage sequence failed on; empty while all is well."""
+        """Why this flight cannot be: the wrong autopilot, or what engaging failed on; empty while all is well."""
+        if self.unfit is not None and self.unfit.final:
+            return self.unfit.text
         return self._auto.problem if self._auto else ""
 
     @property
     def waiting_for(self) -> str:
         """What a person at the terminal should know while nothing flies yet."""
         phase = self.computer.phase
+        if self.unfit is not None:
+            return self.unfit.text
         if phase is Phase.READY and self._auto is not None and self._auto.step is not Step.LEFT_TO_PILOT:
             return self._auto.step.value
         return ""
@@ -253,25 +245,47 @@ class Flight:
         authority = self.link.authority
         control = authority.control
         return Status(
-            heard=self.link.autopilot.heard(now_s),
+            heard=self.link.autopilot.heard(now_s) and self.unfit is None,
             held=control in (Control.HELD, Control.GIVING_BACK),
             released=control is Control.RELEASED,
             ending=bool(self.end_reason) and control is not Control.ASKED,
             why=authority.reason if control is Control.RELEASED else self._why(),
             motion=self._motion(now_s),
             height_m=self._height_m(now_s),
-            broken=self._trip is not None and not self._trip.ends,
+            broken=self.lookout.trip is not None and not self.lookout.trip.ends,
         )
 
     def _why(self) -> str:
         if self.end_reason:
             return self.end_reason
-        return self._trip.text if self._trip else self.link.authority.reason
+        return self.lookout.trip.text if self.lookout.trip else self.link.authority.reason
+
+    def _judge(self, now_s: float) -> None:
+        """Look whether the autopilot is the one for this vehicle class; say when a pilot may engage."""
+        ap, before = self.link.autopilot, self.unfit
+        self.unfit = self._fitness.unfit(ap, now_s)
+        if self.unfit is not None:
+            self.link.ask_for(self._fitness.ask_again(ap, now_s))
+            if before is None or self.unfit.text != before.text:
+                self._unfit_since_s = now_s
+            if now_s - self._unfit_since_s > UNFIT_TOLD_AFTER_S and self.unfit.text != self._unfit_told:
+                self._unfit_told = self.unfit.text
+                self._say(now_s, self.unfit.text, WARNING)
+        left_to_pilot = self._auto is None or self._auto.step is Step.LEFT_TO_PILOT
+        if self.computer.phase is Phase.READY and left_to_pilot:
+            self.link.authority.ready(now_s)
+
+    def _invite(self, now_s: float) -> None:
+        """Say once, while ready, that the pilot's choice of the mode is what it now takes."""
+        streams = self._sent_rad_s == self._sent_rad_s
+        if self.computer.phase is Phase.READY and not self._invited and (streams or not self.words.stream_first):
+            self._invited = True
+            self._say(now_s, f"ready: {'streaming, ' if streams else ''}select {self.words.ours_name} to engage", INFO)
 
     def _follow_operator(self, now_s: float) -> None:
         authority = self.link.authority
         if self.end_reason and authority.control is Control.HELD:
-            authority.give_back(self._end_mode, now_s, self.end_reason)
+            authority.give_back(self.words.hand_over(self._end_action), now_s, self.end_reason)
         if self.link.latch_commands != self._latch_commands:
             self._latch_commands = self.link.latch_commands
             opened = authority.open_latch()
@@ -282,16 +296,17 @@ class Flight:
         phase = decision.phase
         if phase is self._phase:
             return
-        self._phase = phase
+        before, self._phase = self._phase, phase
         if phase is Phase.ACQUIRING and not now_s >= self.engaged_s:
             self.engaged_s = now_s
+        if phase in ENGAGED and before not in ENGAGED:
+            for command in self._encoder.engaged(self.link.autopilot.state(now_s), self.computer.hold_height_m):
+                self.link.commands.add(command)
         if phase is Phase.RANGE_LOST:
             action = self._config.on_range_lost
-            self.link.authority.give_back(HAND_OVER[action], now_s, f"range lost: {action}")
-        elif phase is Phase.BROKEN_OFF and self._trip is not None:
-            self.link.authority.give_back(
-                HAND_OVER[self._trip.action], now_s, f"{self._trip.text}: {self._trip.action}"
-            )
+            self.link.authority.give_back(self.words.hand_over(action), now_s, f"range lost: {action}")
+        elif phase is Phase.BROKEN_OFF and (trip := self.lookout.trip) is not None:
+            self.link.authority.give_back(self.words.hand_over(trip.action), now_s, f"{trip.text}: {trip.action}")
         self._invited = False
         self._say(now_s, f"{phase}: {decision.reason}", TEXT_SEVERITY.get(phase, INFO))
 
@@ -316,7 +331,11 @@ class Flight:
         turn_rate = ap.turn_rate_rad_s(now_s)
         if turn_rate != turn_rate:  # NaN: not measured, so what was asked
             turn_rate = self._sent_rad_s
-        speed = ap.speed_m_s if now_s - ap.velocity_s <= 1.0 else nan
+        speed = nan  # believed: as configured
+        if self._vehicle.speed == "ground":
+            speed = ap.ground_speed_m_s(now_s)
+        elif self._vehicle.speed == "air":
+            speed = ap.true_airspeed_m_s(now_s)
         return Motion(V=speed, u=turn_rate, psi=ap.heading_rad(now_s))
 
     def _height_m(self, now_s: float) -> float:
@@ -329,7 +348,7 @@ class Flight:
             now_s,
             decision.phase,
             self.link.authority.control,
-            px4_modes.name(ap.custom_mode) if ap.custom_mode is not None else "",
+            self.words.name(ap.custom_mode) if ap.custom_mode is not None else "",
             estimate.r if estimate else nan,
             estimate.r_dot if estimate else nan,
             self._newest_range_m,

@@ -15,6 +15,7 @@ from circumnav_mav.ranging.counts import Counts
 from circumnav_mav.types import RangeSample, Rejected
 
 AUTOPILOT_COMPONENT = 1
+MAVLINK_BAUD = 57_600
 
 
 class RangeFeed:
@@ -40,6 +41,11 @@ class RangeFeed:
     def link_counts(self) -> LinkCounts:
         """What came in on the endpoint of the radio's own, where it speaks MAVLink."""
         return self._splitter.counts
+
+    @property
+    def baud(self) -> int:
+        """The baud rate at which the device is delivered."""
+        return self.source.baud if isinstance(self.source, ByteSource) else MAVLINK_BAUD
 
     @property
     def start(self) -> tuple[tuple[float, bytes], ...]:

@@ -29,6 +29,7 @@ class Autopilot:
         self.mav_type = MAV_TYPE_FIXED_WING if self.fixed_wing else MAV_TYPE_QUADROTOR
         self.now_s = 0.0
         self.boot_ms = self.boot_us = 0
+        self._boot_s = self._clock_s = 0.0
         self.origin_n, self.origin_e = config.start_north_m, config.start_east_m
         self.home_n, self.home_e = self.origin_n, self.origin_e
         yaw = math.pi / 2 - config.start_heading_rad
@@ -58,13 +59,25 @@ class Autopilot:
     def step(self, now_s: float, wind_n: float, wind_e: float) -> None:
         """Carry everything to now_s."""
         self.now_s = now_s
-        self.boot_us = round(now_s * 1e6)
+        self.boot_us = max(0, round((now_s - self._boot_s + self._clock_s) * 1e6))
         self.boot_ms = self.boot_us // 1000
         self.wind_n, self.wind_e = wind_n, wind_e
         self.commander.update(now_s, self.vehicle.h <= 0.0)
         if isinstance(self.pilot, MultirotorPilot):
             self.pilot.yaw_error_rad = self.yaw_estimate() - self.vehicle.yaw
         self.pilot.step(now_s, wind_n, wind_e)
+
+    def boot(self, now_s: float) -> None:
+        """Begin again where it is: time from zero, disarmed in Hold, parameters as configured."""
+        self._boot_s = now_s
+        self._clock_s = 0.0
+        self.commander.boot(now_s + self.config.ready_after_s)
+        for name, value in self.config.params.items():
+            self.params.set(name, value)
+
+    def jump_clock(self, seconds: float) -> None:
+        """Let the autopilot's time jump; it never goes below zero."""
+        self._clock_s += seconds
 
     def take_setpoint(self, setpoint: Setpoint) -> None:
         """Fly this from now on (in OFFBOARD), and count it as stream."""

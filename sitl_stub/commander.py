@@ -25,27 +25,30 @@ class Commander:
 
     def __init__(self, params: Parameters, ready_s: float) -> None:
         self.params = params
-        self.ready_s = ready_s
-        self.armed = False
-        self.intention = Mode.HOLD
-        self.mode = Mode.HOLD
-        self.failsafe = False
-        self.disarmed_by_failsafe = False
         self.position_ok = True
         self.has_mission = False
-        self.refuse_arming = False
+        self.refuse_arming = False  # faults
         self.refuse_offboard = False
         self.texts: list[tuple[int, str]] = []
+        self._next_check_s = 0.0
+        self._now_s = 0.0
+        self.boot(ready_s)
+
+    def boot(self, ready_s: float) -> None:
+        """Begin disarmed in Hold; arming is refused until ready_s."""
+        self.ready_s = ready_s
+        self.armed = False
+        self.intention = self.mode = Mode.HOLD
+        self.failsafe = False
+        self.disarmed_by_failsafe = False
         self.offboard_ok = False
         self.last_setpoint_s = NEVER
         self._needs_position = False
-        self._next_check_s = 0.0
         self.last_stick_s = NEVER
         self._stick_loss_s = NEVER
         self._stick_loss_overridden = False
-        self._now_s = 0.0
         self._armed_s = NEVER
-        self._landed_s = 0.0  # since when on the ground, inf in the air
+        self._landed_s = self._now_s  # since when on the ground, inf in the air
         self._flew = False
 
     # -- what comes in -------------------------------------------------------------------------------------------
@@ -118,9 +121,11 @@ class Commander:
         self._track_ground(now_s, on_ground)
         if now_s >= self._next_check_s:
             self._next_check_s += CHECK_PERIOD_S
-            self.offboard_ok = self._offboard_fresh(now_s)
+            self.offboard_ok = self._offboard_fresh(now_s) and not self.refuse_offboard
         elif not self.offboard_ok and 0.01 <= now_s - self.last_setpoint_s < CHECK_PERIOD_S:
-            self.offboard_ok = self._offboard_fresh(now_s)  # a stream that comes back is seen at once
+            self.offboard_ok = (
+                self._offboard_fresh(now_s) and not self.refuse_offboard
+            )  # a stream that comes back is seen at once
         mode = self._failsafe_mode(now_s) if self.armed else None
         if mode is None:
             if self.failsafe:

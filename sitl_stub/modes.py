@@ -84,3 +84,8 @@ def mode_of(main: int, sub: int) -> Mode | None:
         return Mode(word if main == 4 else main << 16)
     except ValueError:
         return None
+
+
+def shown_modes() -> list[Mode]:
+    """Return the modes that AVAILABLE_MODES lists."""
+    return [mode for mode in Mode if mode is not Mode.TERMINATION]

@@ -12,15 +12,16 @@ from typing import TYPE_CHECKING, Any
 
 from sitl_stub.kinematics import G, wrap
 from sitl_stub.modes import base_mode_of
+from sitl_stub.sensors import ZERO4
 from sitl_stub.world import HOME_AMSL_M, lat_lon_deg
 
 if TYPE_CHECKING:
     from sitl_stub.autopilot import Autopilot
 
 NAN = math.nan
-HEARTBEAT, CURRENT_MODE, DISTANCE_SENSOR = 0, 436, 132
-ZERO4 = (0.0, 0.0, 0.0, 0.0)
-COVARIANCE_UNKNOWN = (NAN, *([0.0] * 20))
+HEARTBEAT, CURRENT_MODE = 0, 436
+# Upper triangles of 6 x 6 matrices with something on the diagonal.
+COVARIANCE = tuple(0.08 if i in (0, 6, 11, 15, 18, 20) else 0.0 for i in range(21))
 
 # Rates on the onboard link [Hz] as measured.
 ONBOARD_HZ: dict[int, float] = {
@@ -69,9 +70,11 @@ def global_position_int(a: Autopilot) -> tuple[Any, ...]:
 
 def highres_imu(a: Autopilot) -> tuple[Any, ...]:
     v = a.vehicle
-    fields = (a.boot_us, 0.0, G * math.sin(v.roll), -G, v.roll_rate, v.pitch_rate, v.yaw_rate)
+    felt = (G * math.sin(v.pitch), -G * math.sin(v.roll), -G)
+    field = (0.21 * math.cos(v.yaw), -0.21 * math.sin(v.yaw), 0.42)  # gauss
     pressure = 955.8 - 0.1132 * v.h
-    return (*fields, 0.21, 0.0, 0.42, pressure, 0.0, v.h + HOME_AMSL_M, 15.0, 63, 0)
+    rates = (v.roll_rate, v.pitch_rate, v.yaw_rate)
+    return (a.boot_us, *felt, *rates, *field, pressure, 0.0, v.h + HOME_AMSL_M, 15.0, 63, 0)
 
 
 def odometry(a: Autopilot) -> tuple[Any, ...]:
@@ -80,7 +83,7 @@ def odometry(a: Autopilot) -> tuple[Any, ...]:
     rates = (v.roll_rate, v.pitch_rate, v.yaw_rate)
     return (
         a.boot_us, 1, 1, *place, quaternion(v.roll, v.pitch, a.yaw_estimate()), v.vn, v.ve, -v.vu, *rates,
-        COVARIANCE_UNKNOWN, COVARIANCE_UNKNOWN, 0, 8, 0,
+        COVARIANCE, COVARIANCE, 0, 8, 0,
     )  # fmt: skip
 
 

@@ -66,6 +66,8 @@ class Trail:
 
     def known(self, motion: Motion) -> Motion:
         """Return the motion with the last known speed and turn rate where a sensor is silent."""
+        if not (isnan(motion.V) or isnan(motion.u)):
+            return motion
         last = self._motion
         return Motion(last.V if isnan(motion.V) else motion.V, last.u if isnan(motion.u) else motion.u, motion.psi)
 

@@ -18,17 +18,18 @@ MAGIC_1, MAGIC_2 = 0xFE, 0xFD
 HEADER_1, HEADER_2 = 6, 10
 CHECKSUM, SIGNATURE = 2, 13
 SIGNED = 0x01
+NOISE_BYTES = 100
 
 
 class Frame(NamedTuple):
-    """One whole frame whose checksum is right, or whose id is unknown to the dialect and so cannot be checked."""
+    """One whole frame. checked: its checksum was looked at, and is right."""
 
     msgid: int
     sysid: int
     compid: int
     seq: int
     raw: bytes
-    known: bool
+    checked: bool
 
 
 class Message(NamedTuple):
@@ -56,11 +57,30 @@ class LinkCounts:
     bad_crc: int = 0
     rubbish_bytes: int = 0
 
+    @property
+    def understood(self) -> int:
+        """Frames whose checksum proves them; one of an unknown id may be noise."""
+        return self.frames - self.unknown
+
+    @property
+    def noise(self) -> bool:
+        """Whether what comes is not MAVLink at all (a wrong baud rate, another protocol).
+
+        Of the places in noise that look like a frame, one in 65,536 has the right checksum.
+        """
+        return self.rubbish_bytes > NOISE_BYTES * (1 + self.understood)
+
 
 class Splitter:
-    """Cuts a byte stream, or datagrams, into frames."""
+    """Cuts a byte stream, or datagrams, into frames.
 
-    def __init__(self) -> None:
+    checked: names of the messages whose checksum matters because somebody reads them; None = all. Of the others, and of
+    ids that the dialect does not know, the length is believed only where a frame or nothing follows.
+    """
+
+    def __init__(self, checked: Iterable[str] | None = None) -> None:
+        names = None if checked is None else {by_name(name).msgid for name in checked}
+        self._extra = {i: extra for i, extra in CRC_EXTRA.items() if names is None or i in names}
         self.counts = LinkCounts()
         self._tail = b""
 
@@ -72,7 +92,7 @@ class Splitter:
         buf = self._tail + data if self._tail else data
         frames: list[Frame] = []
         at, size = 0, len(buf)
-        counts = self.counts
+        counts, crc_extra = self.counts, self._extra
         while at < size:
             magic = buf[at]
             if magic == MAGIC_2 and at + HEADER_2 <= size:
@@ -99,7 +119,7 @@ class Splitter:
                     break
                 at = self._skip(buf, at)
                 continue
-            extra = CRC_EXTRA.get(msgid)
+            extra = crc_extra.get(msgid)
             if extra is not None:
                 body_end = at + header + length
                 crc = mcrf4xx(extra, mcrf4xx(buf[at + 1 : body_end]))
@@ -108,10 +128,9 @@ class Splitter:
                     at = self._skip(buf, at)
                     continue
             elif end < size and buf[end] != MAGIC_2 and buf[end] != MAGIC_1:
-                # An unknown id cannot be checked: believe its length only where a frame or nothing follows.
                 at = self._skip(buf, at)
                 continue
-            else:
+            elif msgid not in CRC_EXTRA:
                 counts.unknown += 1
             frames.append(_frame((msgid, sysid, compid, seq, buf[at:end], extra is not None)))
             at = end
@@ -142,7 +161,7 @@ class Decoder:
             return None
         self.decoded += 1
         header = HEADER_2 if raw[0] == MAGIC_2 else HEADER_1
-        return _message((shape.name, sysid, compid, seq, shape.unpack(raw[header : header + raw[1]])))
+        return _message((shape.name, sysid, compid, seq, shape.unpack(raw, header, raw[1])))
 
 
 class Packer:

@@ -29,13 +29,16 @@ class Layout:
     struct: Struct
     fields: tuple[str, ...]  # in wire order
     lengths: tuple[int, ...]  # elements of each field on the wire, 1 for scalars and strings
+    size: int  # of the whole payload, bytes
     scalar: bool  # no field has more than one element
     make: Callable[[tuple[Any, ...]], Any]  # values in wire order -> named tuple
 
-    def unpack(self, payload: bytes) -> Any:
-        """Return the payload's fields as a named tuple; bytes that MAVLink 2 cut off count as zero."""
-        size = self.struct.size
-        values = self.struct.unpack_from(payload if len(payload) >= size else payload.ljust(size, b"\0"))
+    def unpack(self, raw: bytes, start: int, length: int) -> Any:
+        """Return the fields of the payload raw[start : start + length]; bytes that MAVLink 2 cut off count as zero."""
+        if length >= self.size:
+            values = self.struct.unpack_from(raw, start)
+        else:
+            values = self.struct.unpack(raw[start : start + length].ljust(self.size, b"\0"))
         if self.scalar:
             return self.make(values)
         grouped: list[Any] = []
@@ -75,7 +78,17 @@ def layout(msgid: int) -> Layout | None:
     strings = [kind == "char" for kind in _wire_types(cls)]
     lengths = tuple(1 if text else length for text, length in zip(strings, cls.lengths, strict=True))
     record = namedtuple(cls.msgname, names)  # type: ignore[misc]
-    return Layout(msgid, cls.msgname, cls.crc_extra, cls.unpacker, names, lengths, max(lengths) == 1, quick(record))
+    return Layout(
+        msgid,
+        cls.msgname,
+        cls.crc_extra,
+        cls.unpacker,
+        names,
+        lengths,
+        cls.unpacker.size,
+        max(lengths) == 1,
+        quick(record),
+    )
 
 
 def _wire_types(cls: Any) -> list[str]:

@@ -14,9 +14,10 @@ from circumnav_mav.endpoint import parse
 from circumnav_mav.flight import RANGING, VEHICLE, Flight, TickRecord
 from circumnav_mav.guidance.phases import ENGAGED, Phase
 from circumnav_mav.runtime.clock import Clock, run_on_grid
+from circumnav_mav.runtime.links import open_link, open_ranging_link
 from circumnav_mav.runtime.realtime import settle
 from circumnav_mav.runtime.recorder import Recorder
-from circumnav_mav.runtime.transport import UdpLink
+from circumnav_mav.runtime.transport import Transport
 from circumnav_mav.runtime.view import REFRESH_HZ, View
 
 END_WITHIN_S = 8.0
@@ -56,7 +57,7 @@ class App:
         self._config, self._clock, self._recorder, self._view = config, clock, recorder, view
         self._options = options
         self.flight = Flight(config)
-        self._links: dict[str, UdpLink] = {}
+        self._links: dict[str, Transport] = {}
         self._last_tick_s = nan
         self._end_by_s = inf
         self._orbiting_since_s = nan
@@ -69,9 +70,9 @@ class App:
     def open_links(self) -> None:
         """Open the sockets. Raises LinkError, in words."""
         try:
-            self._links[VEHICLE] = UdpLink(parse(self._config.vehicle.link))
+            self._links[VEHICLE] = open_link(parse(self._config.vehicle.link))
             if self._config.ranging.endpoint:
-                self._links[RANGING] = UdpLink(parse(self._config.ranging.endpoint))
+                self._links[RANGING] = open_ranging_link(self._config.ranging, self.flight.ranges)
         except BaseException:
             self.close_links()
             raise
@@ -95,7 +96,7 @@ class App:
         scheduling = settle()
         try:
             for name, link in self._links.items():
-                link.start(partial(self._on_data, name))
+                link.start(loop, partial(self._on_data, name), partial(self._on_change, name))
             await run_on_grid(self._clock, self._config.loop.rate_hz, self._tick)
         finally:
             self.close_links()
@@ -108,9 +109,16 @@ class App:
         self.flight.end("stopped by the operator")
 
     def _on_data(self, link: str, data: bytes) -> None:
-        frames = self.flight.receive(data, self._clock.now(), link)
+        frames = self.flight.receive(data, self._clock.now(), link, whole=self._links[link].whole)
         for frame in frames:
             self._recorder.frame(frame.raw)
+
+    def _on_change(self, link: str, up: bool, words: str) -> None:
+        now_s = self._clock.now()
+        if up:
+            self._send(self.flight.link_back(link, now_s, words))
+        else:
+            self.flight.link_lost(link, now_s, words)
 
     def _tick(self, now_s: float, lateness_s: float, missed: int) -> bool:
         self._ticks += 1
@@ -164,6 +172,8 @@ class App:
         if now_s >= self._end_by_s:
             return "stopped", "the autopilot did not confirm the end; setpoints have stopped"
         if now_s >= options.wait_s and not flight.engaged_s < inf:
+            if flight.unfit is not None:
+                return "refused", flight.unfit.text
             if phase is Phase.WAITING_AUTOPILOT:
                 return "no_autopilot", no_autopilot(self._config.vehicle.link, flight)
             if phase is Phase.WAITING_RANGE:
@@ -233,16 +243,20 @@ class App:
             return no_range(self.flight)
         if phase is Phase.READY:
             why_not = self.flight.link.authority.why_not(now_s)
-            return why_not or "select Offboard to engage"
+            return why_not or f"select {self.flight.words.ours_name} to engage"
         return ""
 
 
 def no_autopilot(link: str, flight: Flight) -> str:
     """Return why no autopilot is there, as far as can be told, and what to do."""
     counts = flight.link.counts
-    if counts.frames:
+    if counts.understood and not counts.noise:
+        frames = f"{counts.understood} MAVLink frames on {link}"
+        return f"{frames}, but no autopilot's heartbeat (component 1): check the routing"
+    if counts.noise and parse(link).kind == "serial":
         return (
-            f"{counts.frames} MAVLink frames on {link}, but no autopilot's heartbeat (component 1): check the routing"
+            f"bytes on {link} that are not MAVLink: the baud rate must be that of the autopilot's port "
+            "(PX4: SER_TEL1_BAUD, SER_TEL2_BAUD; ArduPilot: SERIAL1_BAUD)"
         )
     if counts.rubbish_bytes:
         return f"bytes on {link} that are not MAVLink: check what sends to this port"

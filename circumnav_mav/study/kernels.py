@@ -29,29 +29,40 @@ def available() -> bool:
     return numba is not None
 
 
-def compiled(kernel: Callable[..., Any], bound: Mapping[str, Callable[..., Any]] | None = None) -> Callable[..., Any]:
+def compiled(
+    kernel: Callable[..., Any], bound: Mapping[str, Callable[..., Any]] | None = None, *, side_by_side: bool = False
+) -> Callable[..., Any]:
     """Return the kernel compiled with all it calls; `bound` gives it other functions for some of its globals.
 
     So one driver, written with global names such as LAW, becomes one machine-code program a law and estimator.
+    side_by_side: for loops over many trajectories at once. What the kernel calls is put into it, division is that of C
+    and a product may be fused with a sum; without these the loops do not vectorise.
     """
     bound = bound or {}
     if numba is None:
         return _twin(kernel, bound)
-    names = "+".join(sorted(f"{f.__module__}.{f.__qualname__}" for f in bound.values()))
+    names = "+".join(sorted(f"{f.__module__}.{f.__qualname__}" for f in bound.values())) + f" {side_by_side}"
     directory = PACKAGE / "study" / "__pycache__" / "kernels" / _digest(names)
     before = numba.config.CACHE_DIR
     numba.config.CACHE_DIR = str(directory)
     try:
-        return _compile(kernel, bound, {})
+        return _compile(kernel, bound, {}, SIDE_BY_SIDE if side_by_side else ONE_BY_ONE)
     finally:
         numba.config.CACHE_DIR = before
 
 
-def _compile(kernel: Callable[..., Any], bound: Mapping[str, Any], done: dict[Any, Any]) -> Callable[..., Any]:
+ONE_BY_ONE: Mapping[str, Any] = {"error_model": "python"}
+SIDE_BY_SIDE: Mapping[str, Any] = {"error_model": "numpy", "fastmath": {"contract"}}
+
+
+def _compile(
+    kernel: Callable[..., Any], bound: Mapping[str, Any], done: dict[Any, Any], flags: Mapping[str, Any]
+) -> Callable[..., Any]:
     if kernel not in done:
-        callees = {name: _compile(f, {}, done) for name, f in _callees(kernel)}
-        callees.update({name: _compile(f, {}, done) for name, f in bound.items()})
-        done[kernel] = numba.njit(_twin(kernel, callees), nogil=True, cache=True, error_model="python")
+        inner = {**flags, "forceinline": True} if flags is SIDE_BY_SIDE else flags
+        callees = {name: _compile(f, {}, done, inner) for name, f in _callees(kernel)}
+        callees.update({name: _compile(f, {}, done, inner) for name, f in bound.items()})
+        done[kernel] = numba.njit(_twin(kernel, callees), nogil=True, cache=True, **flags)
     twin: Callable[..., Any] = done[kernel]
     return twin
 

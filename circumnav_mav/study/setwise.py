@@ -20,7 +20,8 @@ from circumnav_mav.guidance.kernel import Estimate
 from circumnav_mav.guidance.laws import LAWS
 from circumnav_mav.study import paper_core as core
 from circumnav_mav.study import paper_run
-from circumnav_mav.study.paper import LAW
+from circumnav_mav.study.paper import LAW as PAPER_LAW
+from circumnav_mav.study.paper_core import LAW, advance
 from circumnav_mav.study.paper_run import Plant, Table
 
 VISITS = np.dtype(
@@ -40,8 +41,7 @@ BIN_S, BINS = 0.25, 1200
 """How lengths of excursions are counted; the last bin holds all longer ones."""
 
 
-def _visit(
-    law: Any,
+def visit(
     par: Any,
     plant: tuple[float, float, float, float, float],
     start: core.Floats,  # x, y, cos psi, sin psi
@@ -80,8 +80,8 @@ def _visit(
             late_in += 1.0 if now else 0.0
             late_d2 += d * d
         distances2[n] += d * d
-        u = law(Estimate(r, r_dot + noise[n], V, u, math.nan, math.nan, -x, -y, wx, wy), par)
-        x, y, c, s = core.advance(x, y, c, s, u, V, hold_s, wx, wy)
+        u = LAW(Estimate(r, r_dot + noise[n], V, u, math.nan, math.nan, -x, -y, wx, wy), par)
+        x, y, c, s = advance(x, y, c, s, u, V, hold_s, wx, wy)
     if hit >= 0 and not inside:
         longest = max(longest, float(steps - since))
     late = max(1, steps - half)
@@ -95,9 +95,6 @@ def _visit(
         late_d2 / late,
         furthest,
     )
-
-
-visit = core.compiled(_visit)
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,14 +138,14 @@ def try_out(trial: Trial, starts: Sequence[tuple[float, float]], seed: int) -> O
     plant = Plant(
         V_m_s=trial.V_m_s, r_a_m=trial.r_a_m, hold_s=trial.hold_s, duration_s=trial.duration_s, sigma_m_s=math.nan
     )
-    one = paper_run.case(LAW, {"kappa": trial.kappa}, plant)
-    law = core.compiled_law(LAWS[LAW].turn_rate)
+    one = paper_run.case(PAPER_LAW, {"kappa": trial.kappa}, plant)
+    fly = core.program(visit, LAWS[PAPER_LAW].turn_rate)
     edges = (trial.target.core_m, trial.target.inside_m, trial.target.outside_m)
     rows, d2, lengths = np.empty(len(starts), VISITS), np.zeros(plant.steps), np.zeros(BINS)
     sigma = paper_run.sde_sigma(trial.sigma, trial.hold_s)
     for run, (r, theta) in enumerate(starts):
         noise = sigma * paper_run.normals(seed, trial.stream, run, 1, plant.steps)[0]
-        rows[run] = visit(law, one.parameters, plant.kernel, np.array(start_at(r, theta)), noise, edges, d2, lengths)
+        rows[run] = fly(one.parameters, plant.kernel, np.array(start_at(r, theta)), noise, edges, d2, lengths)
     return Outcome(trial, rows, d2 / len(starts), lengths)
 
 

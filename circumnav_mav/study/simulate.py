@@ -11,6 +11,7 @@ from functools import cache
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from circumnav_mav.guidance.estimators import ESTIMATORS
 from circumnav_mav.guidance.kernel import EstimatorContext, LawContext
@@ -21,6 +22,9 @@ from circumnav_mav.study.scenarios import PLANNED_LAG_S, Scenario
 
 CHUNK = 10
 """Runs that a worker takes at a time."""
+
+Outcomes = NDArray[np.void]
+"""A structured array with the fields of drive.Outcome, one row a run."""
 
 Progress = Callable[[int], None]
 
@@ -93,8 +97,8 @@ def _chunk(scenario: Scenario, pilot: Pilot, seed: int, first: int, last: int) -
 
 def simulate(
     scenario: Scenario, pilot: Pilot, runs: int, seed: int, progress: Progress | None = None, workers: int | None = None
-) -> Floats:
-    """Return the outcomes as a structured array with the fields of drive.Outcome, one row a run.
+) -> Outcomes:
+    """Return the outcomes of the runs.
 
     progress is told the number of runs that each finished chunk adds. workers: default, one a core.
     """

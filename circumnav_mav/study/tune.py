@@ -21,6 +21,7 @@ from circumnav_mav.config import Config
 from circumnav_mav.guidance.estimators import ESTIMATORS
 from circumnav_mav.guidance.kernel import EstimatorContext, LawContext
 from circumnav_mav.guidance.laws import LAWS
+from circumnav_mav.study.from_log import Seen
 from circumnav_mav.study.scenarios import Scenario
 from circumnav_mav.study.simulate import Pilot, fly_one
 
@@ -75,6 +76,18 @@ class Aircraft:
             wind_m_s=wind_m_s,
             control_s=max(CONTROL_S, 1.0 / config.loop.rate_hz),
         )
+
+    def as_seen(self, seen: Seen) -> Aircraft:
+        """Return the aircraft with what a flight showed in place of what was assumed. Raises ValueError in words."""
+        shown = {
+            "sigma_r_m": seen.sigma_r_m,
+            "range_rate_hz": seen.range_rate_hz,
+            "lag_s": seen.lag_s,
+            "wind_m_s": seen.wind_m_s,
+        }
+        if seen.wind_m_s is not None and seen.wind_m_s >= self.V_m_s:
+            raise ValueError(f"the record shows a wind of {seen.wind_m_s:.3g} m/s, the vehicle flies {self.V_m_s:g}")
+        return replace(self, **{name: value for name, value in shown.items() if value is not None})
 
     def scenarios(self) -> list[Scenario]:
         """Return calm air, half the wind and all of it: long enough to come from far and fly three laps of tail."""

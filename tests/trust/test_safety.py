@@ -26,12 +26,14 @@ from tests.trust.rules import (
 )
 
 DOCUMENT = Path(__file__).parents[2] / "docs" / "safety.md"
-BATTERY_STATUS, ESTIMATOR_STATUS, SYS_STATUS, GLOBAL_POSITION_INT = 147, 230, 1, 33
+BATTERY_STATUS, ESTIMATOR_STATUS, SYS_STATUS = 147, 230, 1
+HEIGHT = (33, 32, 74)  # GLOBAL_POSITION_INT, LOCAL_POSITION_NED, VFR_HUD
 
 
-def silence(rig: Rig, msgid: int) -> None:
-    """The autopilot stops one of its streams on the app's link."""
-    Peer(rig.stub, 1, 200, OFFBOARD_LINK).command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, float(msgid), -1.0)
+def silence(rig: Rig, msgids: tuple[int, ...]) -> None:
+    """The autopilot stops some of its streams on the app's link."""
+    for msgid in msgids:
+        Peer(rig.stub, 1, 200, OFFBOARD_LINK).command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, float(msgid), -1.0)
 
 
 def shows(msgid: int, index: int, value: Any) -> Callable[[Rig, pytest.MonkeyPatch], None]:
@@ -50,14 +52,20 @@ def shows(msgid: int, index: int, value: Any) -> Callable[[Rig, pytest.MonkeyPat
     return act
 
 
+def bend_ranges(rig: Rig, patch: pytest.MonkeyPatch, bend: Callable[[float, float], float]) -> None:
+    """Ranges become bend(true range, seconds since now)."""
+    true, began_s = rig.stub.world.range_and_rate, rig.stub.now_s
+
+    def bent(t_s: float, v: Any) -> tuple[float, float]:
+        range_m, rate_m_s = true(t_s, v)
+        return bend(range_m, t_s - began_s), rate_m_s
+
+    patch.setattr(rig.stub.world, "range_and_rate", bent)
+
+
 def moved_beacon(rig: Rig, patch: pytest.MonkeyPatch) -> None:
     """The beacon is carried to and fro: no ranges and motion that belong together."""
-    true = rig.stub.world.range_from
-
-    def jumping(t_s: float, n: float, e: float, h: float) -> float:
-        return true(t_s, n, e, h) + (60.0 if int(t_s / 4.0) % 2 else 0.0)
-
-    patch.setattr(rig.stub.world, "range_from", jumping)
+    bend_ranges(rig, patch, lambda r, t: r + (60.0 if int(t / 4.0) % 2 else 0.0))
 
 
 def not_finite(rig: Rig, patch: pytest.MonkeyPatch) -> None:
@@ -66,11 +74,9 @@ def not_finite(rig: Rig, patch: pytest.MonkeyPatch) -> None:
     patch.setattr(estimator, "at", lambda now_s, motion: honest(now_s, motion)._replace(r=float("nan")))
 
 
-def blown_inwards(rig: Rig, patch: pytest.MonkeyPatch) -> None:
-    """What the barrier cannot stop: the beacon itself comes along."""
-    true = rig.stub.world.range_from
-    began_s = rig.stub.now_s
-    patch.setattr(rig.stub.world, "range_from", lambda t, n, e, h: max(1.0, true(t, n, e, h) - 8.0 * (t - began_s)))
+def following_beacon(rig: Rig, patch: pytest.MonkeyPatch) -> None:
+    """What the barrier cannot stop: the beacon itself comes along, faster than the vehicle flies."""
+    bend_ranges(rig, patch, lambda r, t: max(1.0, r - 8.0 * t))
 
 
 @dataclass(frozen=True)
@@ -123,11 +129,9 @@ ROWS: dict[str, Row] = {
     "app held up": Row(lambda rig, patch: rig.freeze(0.7), 0.0, None, "the loop was held up", "held", flies_on=True),
     "estimate not finite": Row(not_finite, 0.1, HOLD, "no range, and no estimate to carry"),
     "estimator diverged": Row(moved_beacon, 30.0, HOLD, "the ranges outvoted the estimate 3 times", for_s=35.0),
-    "height lost": Row(
-        lambda rig, patch: silence(rig, GLOBAL_POSITION_INT), 3.7, HOLD, "no height from the autopilot for 3."
-    ),
+    "height lost": Row(lambda rig, patch: silence(rig, HEIGHT), 3.7, HOLD, "no height from the autopilot for 3."),
     "height lost, told only": Row(
-        lambda rig, patch: silence(rig, GLOBAL_POSITION_INT),
+        lambda rig, patch: silence(rig, HEIGHT),
         0.0,
         None,
         "s: fly on",
@@ -142,7 +146,7 @@ ROWS: dict[str, Row] = {
     "battery low": Row(shows(SYS_STATUS, 6, 12), 4.3, RETURN, "battery low: 12 %, the limit is 20 %"),
     "battery called low by the autopilot": Row(shows(BATTERY_STATUS, 10, 2), 4.3, RETURN, "battery low: 100 %"),
     "range band broken": Row(
-        blown_inwards,
+        following_beacon,
         15.0,
         HOLD,
         "outside 40 to 300 m",

@@ -11,7 +11,7 @@ the flight leave one. An alarm on its innovations starts the ring again.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from math import atan2, cos, hypot, isnan, nan, pi, sin, sqrt
+from math import atan2, cos, hypot, isnan, log, nan, pi, sin, sqrt
 from typing import NamedTuple
 
 from circumnav_mav.guidance.estimators.gate import refuse, remember
@@ -26,7 +26,7 @@ from circumnav_mav.guidance.kernel import (
     Reading,
 )
 
-RING = 24
+RING = 16
 """Gaussians over the bearing at the start."""
 
 
@@ -165,26 +165,68 @@ def again(h: Drift, stir: float, log_weight: float) -> Drift:
     return Drift(px, py, wx, wy, s, xx, xy, xu, xv, xs, yy, yu, yv, ys, uu, uv, us, vv, vs, ss, stir, log_weight)
 
 
-def innovation(h: Drift, z: float, variance: float) -> tuple[float, float]:
-    """Return (error, its variance) of a range."""
-    r = max(hypot(h.px, h.py), 1e-3)
-    c, n = h.px / r, h.py / r
-    return z - r, c * c * h.xx + 2.0 * c * n * h.xy + n * n * h.yy + variance
+def normalised(h: Drift, z: float, variance: float) -> float:
+    """Return the normalised innovation squared of a range."""
+    px, py = h.px, h.py
+    rr = max(px * px + py * py, 1e-6)
+    along = (px * px * h.xx + 2.0 * px * py * h.xy + py * py * h.yy) / rr
+    return (z - sqrt(rr)) ** 2 / (along + variance)
 
 
 def use_range(h: Drift, z: float, variance: float, gate: float) -> Drift:
-    """Return the hypothesis after a range; beyond the gate it only costs."""
-    r = max(hypot(h.px, h.py), 1e-3)
-    c, n = h.px / r, h.py / r
-    gx, gy = c * h.xx + n * h.xy, c * h.xy + n * h.yy
-    variance += c * gx + n * gy
-    error = z - r
-    nis = error * error / variance
-    log_weight = h.log_weight + log_likelihood(nis, variance, gate)
+    """Return the hypothesis after a range; beyond the gate it only costs.
+
+    `gained` for a measurement along the sight, written out: the ring's whole cost is this and `predict`.
+    """
+    px, py, wx, wy, s, xx, xy, xu, xv, xs, yy, yu, yv, ys, uu, uv, us, vv, vs, ss, stir, log_weight = h
+    r = max(sqrt(px * px + py * py), 1e-3)
+    c, n = px / r, py / r
+    gx, gy = c * xx + n * xy, c * xy + n * yy
+    along = c * gx + n * gy
+    inv, error = 1.0 / (along + variance), z - r
+    nis = error * error * inv
+    log_weight -= 0.5 * (min(nis, gate * gate) - log(inv))
     if nis > gate * gate:
-        return again(h, h.stir, log_weight)
-    gu, gv, gs = c * h.xu + n * h.yu, c * h.xv + n * h.yv, c * h.xs + n * h.ys
-    return gained(h, gx, gy, gu, gv, gs, 1.0 / variance, error, log_weight)
+        return again(h, stir, log_weight)
+    gu, gv, gs = c * xu + n * yu, c * xv + n * yv, c * xs + n * ys
+    kx, ky, ku, kv, ks = gx * inv, gy * inv, gu * inv, gv * inv, gs * inv
+    swing, longer = (c * ky - n * kx) * error / r, max(1.0 + along * inv * error / r, 0.0)
+    xx -= kx * gx
+    xy -= kx * gy
+    yy -= ky * gy
+    xu -= kx * gu
+    xv -= kx * gv
+    xs -= kx * gs
+    yu -= ky * gu
+    yv -= ky * gv
+    ys -= ky * gs
+    c, n = cos(swing), sin(swing)
+    a, b = c * xx - n * xy, c * xy - n * yy
+    d, e = n * xx + c * xy, n * xy + c * yy
+    return Drift(
+        longer * (c * px - n * py),
+        longer * (n * px + c * py),
+        wx + ku * error,
+        wy + kv * error,
+        s + ks * error,
+        c * a - n * b,
+        n * a + c * b,
+        c * xu - n * yu,
+        c * xv - n * yv,
+        c * xs - n * ys,
+        n * d + c * e,
+        n * xu + c * yu,
+        n * xv + c * yv,
+        n * xs + c * ys,
+        uu - ku * gu,
+        uv - ku * gv,
+        us - ku * gs,
+        vv - kv * gv,
+        vs - kv * gs,
+        ss - ks * gs,
+        stir,
+        log_weight,
+    )
 
 
 def use_rate(h: Drift, z: float, m: Moved, variance: float, gate: float) -> Drift:
@@ -246,7 +288,10 @@ def split(bank: list[Drift]) -> None:
         if len(bank) > RING:
             return
         h = bank[i]
-        r = max(hypot(h.px, h.py), 1e-3)
+        rr = h.px * h.px + h.py * h.py
+        if h.xx + h.yy < SPLIT * SPLIT * rr:
+            continue
+        r = max(sqrt(rr), 1e-3)
         c, s = -h.py / r, h.px / r
         across = c * c * h.xx + 2.0 * s * c * h.xy + s * s * h.yy
         if across < (SPLIT * r) ** 2:
@@ -260,9 +305,11 @@ def split(bank: list[Drift]) -> None:
 
 
 def same(h: Drift, best: Drift) -> bool:
-    dx, dy, du, dv = h.px - best.px, h.py - best.py, h.wx - best.wx, h.wy - best.wy
-    near = dx * dx + dy * dy < 0.25 * (best.xx + best.yy) and du * du + dv * dv < 0.25 * (best.uu + best.vv)
-    return near and h.stir == best.stir
+    dx, dy = h.px - best.px, h.py - best.py
+    if h.stir != best.stir or dx * dx + dy * dy > 0.25 * (best.xx + best.yy):
+        return False
+    du, dv = h.wx - best.wx, h.wy - best.wy
+    return du * du + dv * dv < 0.25 * (best.uu + best.vv)
 
 
 def merge(bank: list[Drift]) -> None:
@@ -305,8 +352,7 @@ def observe(bank: list[Drift], mem: Memory, m: Moved, z: Reading, par: Parameter
     least, best_nis, best = 1e300, 0.0, 0
     top = bank[best_of(bank)].log_weight
     for i in range(len(bank)):
-        error, s2 = innovation(bank[i], z.r, variance)
-        nis = error * error / s2
+        nis = normalised(bank[i], z.r, variance)
         if bank[i].log_weight > top - LIKELY and nis < least:
             least = nis
         if i == best:

@@ -113,7 +113,7 @@ def parameters(options: Mapping[str, float], context: LawContext) -> Parameters:
     return Parameters(context.r_a, given["reach_s"] * context.V, given["gain_per_s"], lag, limit, r_min)
 
 
-OPTIONS = {"reach_s": 2.5, "gain_per_s": 1.0, "lag_s": nan}
+OPTIONS = {"reach_s": 1.5, "gain_per_s": 1.0, "lag_s": nan}
 
 LAW = Law(
     name="tangent",
