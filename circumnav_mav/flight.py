@@ -17,6 +17,7 @@ from circumnav_mav.config import Config, guidance_settings
 from circumnav_mav.guidance.computer import Decision, GuidanceComputer, Status
 from circumnav_mav.guidance.kernel import Motion
 from circumnav_mav.guidance.phases import ENGAGED, Phase
+from circumnav_mav.lookout import Lookout
 from circumnav_mav.mavlink.codec import Frame
 from circumnav_mav.mavlink.dialect import enums
 from circumnav_mav.mavlink.engage import AutoEngage, Step
@@ -33,7 +34,7 @@ VEHICLE, RANGING = "vehicle", "ranging"
 
 WARNING, INFO = 4, 6
 MOVING_M_S = 1.0
-TEXT_SEVERITY = {Phase.RELEASED: WARNING, Phase.RANGE_LOST: WARNING}
+TEXT_SEVERITY = {Phase.RELEASED: WARNING, Phase.RANGE_LOST: WARNING, Phase.BROKEN_OFF: WARNING}
 """MAV_SEVERITY of what a phase says; INFO for the others."""
 UNFIT_TOLD_AFTER_S = 4.0
 """Streams take a moment to begin after they are asked for."""
@@ -81,6 +82,7 @@ class Flight:
         subscribed = () if self.ranges.own_link else self.ranges.messages
         self.link = AutopilotLink(subscribed, vehicle.messages_hz, vehicle.words, signer)
         self.computer = GuidanceComputer(guidance_settings(config))
+        self.lookout = Lookout(config, self.link.autopilot, self.computer)
         self._encoder = vehicle.encoder(config.encoder_options())
         self._fitness = Fitness(vehicle, VEHICLES.values())
         self.unfit: Unfit | None = None
@@ -104,6 +106,8 @@ class Flight:
         self._stopped = False
         self._frames: list[bytes] = []
         self._signing_told = False
+        self._r_m = nan
+        self._end_action = "hold"
 
     # -- bytes in ---------------------------------------------------------------------------------------------------
 
@@ -167,6 +171,7 @@ class Flight:
     def tick(self, now_s: float, lateness_s: float = 0.0, missed_ticks: int = 0) -> tuple[list[bytes], TickRecord]:
         """Decide and return (frames to send now, the record of this tick)."""
         link, authority = self.link, self.link.authority
+        self._look_out(now_s)
         self._ticked_s = now_s
         self._follow_operator(now_s)
         self._judge(now_s)
@@ -174,6 +179,7 @@ class Flight:
             ready = self.computer.phase is Phase.READY
             self._auto.tick(now_s, ready=ready, may_ask=ready and not self._encoder.lacks)
         decision = self.computer.tick(now_s, self._status(now_s))
+        self._r_m = decision.estimate.r if decision.estimate else nan
         self._on_phase(now_s, decision)
         self._sent_rad_s = nan
         if decision.setpoint is not None and authority.may_stream(now_s):
@@ -207,9 +213,20 @@ class Flight:
         """Let the operator read something that only the runtime knows."""
         self._tell(now_s, text, 4)
 
-    def end(self, reason: str) -> None:
-        """Ask for a polite end: hold, then silence."""
-        self.end_reason = self.end_reason or reason
+    def _look_out(self, now_s: float) -> None:
+        """Walk the table of causes that end a flight."""
+        news, restarted = self.lookout.look(now_s, self._r_m)
+        if restarted:
+            self._say(now_s, "the ranges outvoted the estimate, which starts again", INFO)
+        for trip in news:
+            self._say(now_s, f"{trip.text}: {trip.action.replace('_', ' ')}", WARNING)
+        if (trip_now := self.lookout.trip) is not None and trip_now.ends:
+            self.end(trip_now.text, trip_now.action)
+
+    def end(self, reason: str, action: str = "hold") -> None:
+        """Ask for a polite end: hand over to that action (hold, return, land), then silence."""
+        if not self.end_reason:
+            self.end_reason, self._end_action = reason, action
 
     @property
     def done(self) -> bool:
@@ -241,10 +258,16 @@ class Flight:
             held=control in (Control.HELD, Control.GIVING_BACK),
             released=control is Control.RELEASED,
             ending=bool(self.end_reason) and control is not Control.ASKED,
-            why=self.end_reason if self.end_reason and control is not Control.RELEASED else authority.reason,
+            why=authority.reason if control is Control.RELEASED else self._why(),
             motion=self._motion(now_s),
             height_m=self._height_m(now_s),
+            broken=self.lookout.trip is not None and not self.lookout.trip.ends,
         )
+
+    def _why(self) -> str:
+        if self.end_reason:
+            return self.end_reason
+        return self.lookout.trip.text if self.lookout.trip else self.link.authority.reason
 
     def _judge(self, now_s: float) -> None:
         """Look whether the autopilot is the one for this vehicle class; say when a pilot may engage."""
@@ -271,7 +294,7 @@ class Flight:
     def _follow_operator(self, now_s: float) -> None:
         authority = self.link.authority
         if self.end_reason and authority.control is Control.HELD:
-            authority.give_back(self.words.hold, now_s, self.end_reason)
+            authority.give_back(self.words.hand_over(self._end_action), now_s, self.end_reason)
         if self.link.latch_commands != self._latch_commands:
             self._latch_commands = self.link.latch_commands
             opened = authority.open_latch()
@@ -291,6 +314,8 @@ class Flight:
         if phase is Phase.RANGE_LOST:
             action = self._config.on_range_lost
             self.link.authority.give_back(self.words.hand_over(action), now_s, f"range lost: {action}")
+        elif phase is Phase.BROKEN_OFF and (trip := self.lookout.trip) is not None:
+            self.link.authority.give_back(self.words.hand_over(trip.action), now_s, f"{trip.text}: {trip.action}")
         self._invited = False
         self._say(now_s, f"{phase}: {decision.reason}", TEXT_SEVERITY.get(phase, INFO))
 
