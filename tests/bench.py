@@ -17,10 +17,10 @@ from collections.abc import Callable
 from circumnav_mav.config import Config
 from circumnav_mav.endpoint import Endpoint
 from circumnav_mav.flight import Flight
+from circumnav_mav.mavlink.link import AutopilotLink
 from circumnav_mav.runtime.clock import Clock, new_event_loop, run_on_grid
 from circumnav_mav.runtime.realtime import settle
 from circumnav_mav.runtime.transport import UdpLink
-from sitl_stub import Stub, StubConfig
 from tests.lockstep import Rig, airborne
 
 BATCH = 100
@@ -38,19 +38,15 @@ def main() -> None:
 
 
 def traffic(seconds: float, *, as_left_on: bool) -> list[bytes]:
-    """Return what the stub sends a companion: every default stream of a PX4, or what the app leaves on."""
+    """Return the datagrams the stub sends a companion: every default stream of a PX4, or what the app leaves on."""
     rig = Rig(Config(), airborne(step_s=0.01))
     if as_left_on:
         rig.run(3.0)
-        sent: list[bytes] = []
-        for _ in range(int(seconds * RATE_HZ)):
-            rig._n += 1
-            rig.stub.advance(rig._n * rig.tick_s)
-            sent += rig.stub.take("offboard")
-        return sent
-    stub = Stub(StubConfig(start_height_m=15.0))
-    stub.advance(seconds)
-    return stub.take("offboard")
+    start_s, sent = rig.stub.now_s, []
+    for n in range(int(seconds * 100)):
+        rig.stub.advance(start_s + (n + 1) * 0.01)
+        sent += rig.stub.take("offboard")
+    return sent
 
 
 def receive() -> None:
@@ -83,12 +79,12 @@ def drained(datagrams: list[bytes], port: int, drain: Callable[[], None]) -> flo
 
 
 def ours_cpu(datagrams: list[bytes]) -> tuple[float, float, int]:
-    flight, clock = Flight(Config()), Clock()
+    receiver, clock = AutopilotLink(["DISTANCE_SENSOR"]), Clock()
     link = UdpLink(Endpoint("udpin", "127.0.0.1", 0))
-    link._on_data = lambda data: flight.receive(data, clock.now())
+    link._on_data = lambda data: receiver.receive(data, clock.now()) and None
     spent = drained(datagrams, link.port, lambda: link.drain() and None)
     link.close()
-    counts = flight.link.counts
+    counts = receiver.counts
     assert counts.frames >= len(datagrams)
     return spent, counts.decoded / counts.frames, counts.frames
 

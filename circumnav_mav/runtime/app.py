@@ -14,13 +14,16 @@ from circumnav_mav.endpoint import parse
 from circumnav_mav.flight import RANGING, VEHICLE, Flight, TickRecord
 from circumnav_mav.guidance.phases import ENGAGED, Phase
 from circumnav_mav.runtime.clock import Clock, run_on_grid
+from circumnav_mav.runtime.keyfile import open_signer
+from circumnav_mav.runtime.links import open_link, open_ranging_link
 from circumnav_mav.runtime.realtime import settle
 from circumnav_mav.runtime.recorder import Recorder
-from circumnav_mav.runtime.transport import UdpLink
+from circumnav_mav.runtime.transport import Transport
 from circumnav_mav.runtime.view import REFRESH_HZ, View
 
 END_WITHIN_S = 8.0
 """A polite end that has not come by then is cut short: three requests a second apart, and some."""
+MANY_DROPS = 10
 
 
 @dataclass(slots=True)
@@ -55,8 +58,8 @@ class App:
     def __init__(self, config: Config, clock: Clock, recorder: Recorder, view: View, options: Options) -> None:
         self._config, self._clock, self._recorder, self._view = config, clock, recorder, view
         self._options = options
-        self.flight = Flight(config)
-        self._links: dict[str, UdpLink] = {}
+        self.flight = Flight(config, open_signer(config.vehicle.signing_key_file, clock.now()))
+        self._links: dict[str, Transport] = {}
         self._last_tick_s = nan
         self._end_by_s = inf
         self._orbiting_since_s = nan
@@ -64,14 +67,15 @@ class App:
         self._shown_events = 0
         self._ticks = self._missed = 0
         self._lateness_s = 0.0
+        self._drops_told = False
         self._verdict: tuple[str, str] | None = None
 
     def open_links(self) -> None:
         """Open the sockets. Raises LinkError, in words."""
         try:
-            self._links[VEHICLE] = UdpLink(parse(self._config.vehicle.link))
-            if self._config.ranging.endpoint:
-                self._links[RANGING] = UdpLink(parse(self._config.ranging.endpoint))
+            self._links[VEHICLE] = open_link(parse(self._config.vehicle.link))
+            if (own := self.flight.ranges.endpoint) is not None:
+                self._links[RANGING] = open_ranging_link(own, self.flight.ranges)
         except BaseException:
             self.close_links()
             raise
@@ -91,10 +95,11 @@ class App:
         loop = asyncio.get_running_loop()
         for signum in (signal.SIGINT, signal.SIGTERM):
             loop.add_signal_handler(signum, self._on_signal, signum)
+        loop.add_signal_handler(signal.SIGCONT, self.flight.stopped)
         scheduling = settle()
         try:
             for name, link in self._links.items():
-                link.start(partial(self._on_data, name))
+                link.start(loop, partial(self._on_data, name), partial(self._on_change, name))
             await run_on_grid(self._clock, self._config.loop.rate_hz, self._tick)
         finally:
             self.close_links()
@@ -107,27 +112,34 @@ class App:
         self.flight.end("stopped by the operator")
 
     def _on_data(self, link: str, data: bytes) -> None:
-        frames = self.flight.receive(data, self._clock.now(), link)
+        frames = self.flight.receive(data, self._clock.now(), link, whole=self._links[link].whole)
         for frame in frames:
             self._recorder.frame(frame.raw)
+
+    def _on_change(self, link: str, up: bool, words: str) -> None:
+        now_s = self._clock.now()
+        if up:
+            self._send(self.flight.link_back(link, now_s, words))
+        else:
+            self.flight.link_lost(link, now_s, words)
 
     def _tick(self, now_s: float, lateness_s: float, missed: int) -> bool:
         self._ticks += 1
         self._missed += missed
         self._lateness_s = max(lateness_s, 0.9 * self._lateness_s)
-        half_loss_s = self.flight.link.authority.loss_timeout_s / 2
-        if now_s - self._last_tick_s > half_loss_s:
-            # Everything that waited in the sockets is older than the gap: take it in first, then ask for news.
-            for link in self._links.values():
-                link.drain()
-            now_s = self._clock.now()
-            self._send(self.flight.after_gap(now_s))
+        now_s = self.flight.resume(now_s, self._take_in)
         self._last_tick_s = now_s
         frames, record = self.flight.tick(now_s, lateness_s, missed)
         self._send(frames)
         self._recorder.tick(record)
         self._watch(now_s, record)
         return self._verdict is None and not self.flight.done
+
+    def _take_in(self) -> float:
+        """Read the links dry; return the time."""
+        for link in self._links.values():
+            link.drain()
+        return self._clock.now()
 
     def _send(self, frames: list[bytes]) -> None:
         link = self._links[VEHICLE]
@@ -152,8 +164,19 @@ class App:
         self._verdict = self._verdict or self._find_verdict(now_s, phase)
         if now_s >= self._show_next_s:
             self._show_next_s = now_s + self._clock.speed / REFRESH_HZ
+            self._watch_drops(now_s)
             self._show_events()
             self._view.show(self._snapshot(now_s, record))
+
+    def _watch_drops(self, now_s: float) -> None:
+        """Tell once that a line takes less than what is sent: what does not fit is dropped, not queued."""
+        link = self._links[VEHICLE]
+        if link.send_errors >= MANY_DROPS and not self._drops_told:
+            self._drops_told = True
+            slow = (
+                "raise its baud rate or lower loop.rate_hz" if link.endpoint.kind == "serial" else "check the network"
+            )
+            self.flight.tell(now_s, f"{link.endpoint} does not take all that is sent: {slow}")
 
     def _find_verdict(self, now_s: float, phase: Phase) -> tuple[str, str] | None:
         flight, options = self.flight, self._options
@@ -162,6 +185,8 @@ class App:
         if now_s >= self._end_by_s:
             return "stopped", "the autopilot did not confirm the end; setpoints have stopped"
         if now_s >= options.wait_s and not flight.engaged_s < inf:
+            if flight.unfit is not None:
+                return "refused", flight.unfit.text
             if phase is Phase.WAITING_AUTOPILOT:
                 return "no_autopilot", no_autopilot(self._config.vehicle.link, flight)
             if phase is Phase.WAITING_RANGE:
@@ -231,16 +256,22 @@ class App:
             return no_range(self.flight)
         if phase is Phase.READY:
             why_not = self.flight.link.authority.why_not(now_s)
-            return why_not or "select Offboard to engage"
+            return why_not or f"select {self.flight.words.ours_name} to engage"
         return ""
 
 
 def no_autopilot(link: str, flight: Flight) -> str:
     """Return why no autopilot is there, as far as can be told, and what to do."""
-    counts = flight.link.counts
-    if counts.frames:
+    counts, signer = flight.link.counts, flight.link.signer
+    if signer is not None and signer.refused and not signer.accepted:
+        return f"no frame on {link} is believed: {signer.complaint()}"
+    if counts.understood and not counts.noise:
+        frames = f"{counts.understood} MAVLink frames on {link}"
+        return f"{frames}, but no autopilot's heartbeat (component 1): check the routing"
+    if counts.noise and parse(link).kind == "serial":
         return (
-            f"{counts.frames} MAVLink frames on {link}, but no autopilot's heartbeat (component 1): check the routing"
+            f"bytes on {link} that are not MAVLink: the baud rate must be that of the autopilot's port "
+            "(PX4: SER_TEL1_BAUD, SER_TEL2_BAUD; ArduPilot: SERIAL1_BAUD)"
         )
     if counts.rubbish_bytes:
         return f"bytes on {link} that are not MAVLink: check what sends to this port"
@@ -249,6 +280,9 @@ def no_autopilot(link: str, flight: Flight) -> str:
 
 def no_range(flight: Flight) -> str:
     """Return why no range is there, as far as can be told, and what to do."""
+    endpoint = flight.ranges.endpoint
+    if endpoint is not None and (why := flight.ranges.why_none(endpoint)):
+        return why
     if flight.rejected:
         reason, count = flight.rejected.most_common(1)[0]
         return f"no range can be flown on: {flight.rejected.total()} rejected, most of them {reason} ({count})"

@@ -1,90 +1,91 @@
-"""UDP links: non-blocking sockets that the loop reads dry, so that nothing old is ever mistaken for new."""
+"""What every link is to the app: bytes in, bytes out, and word of it when the other end goes or comes back.
+
+A link reads itself dry, so that nothing old is ever mistaken for new, and never waits: what cannot be sent now is
+dropped, because an old setpoint helps nobody.
+"""
 
 from __future__ import annotations
 
-import asyncio
-import socket
 from collections.abc import Callable
+from typing import Any, Protocol
 
 from circumnav_mav.endpoint import Endpoint
 
-DATAGRAM = 65535
-RECEIVE_BUFFER = 1 << 20
-MOST_DATAGRAMS_A_TURN = 200
-"""So that a flood cannot keep the loop from its ticks."""
+OnData = Callable[[bytes], None]
+OnChange = Callable[[bool, str], None]
+"""(True: the link is up again, False: it is lost; in words)."""
 
 
 class LinkError(Exception):
     """A link that cannot be opened; the text says what to do."""
 
 
-class UdpLink:
-    """One UDP endpoint. udpin binds and answers whoever spoke last; udpout speaks to one address."""
+class Timer(Protocol):
+    """What call_later returns."""
 
-    def __init__(self, endpoint: Endpoint) -> None:
-        self.endpoint = endpoint
-        self._peer: tuple[str, int] | None = None
-        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self._socket.setblocking(False)
-        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER)
-        self.send_errors = 0
-        self._loop: asyncio.AbstractEventLoop | None = None
-        try:
-            if endpoint.kind == "udpin":
-                self._socket.bind((endpoint.host, endpoint.port))
-            else:
-                self._peer = (socket.gethostbyname(endpoint.host), endpoint.port)
-        except OSError as error:
-            self._socket.close()
-            raise LinkError(_why(endpoint, error)) from error
+    def cancel(self) -> None:
+        """Forget the call."""
+
+
+class Loop(Protocol):
+    """The part of asyncio's event loop that links live on."""
+
+    def time(self) -> float:
+        """Return the loop's own time, s."""
+
+    def add_reader(self, fd: int, callback: Callable[[], Any], /) -> None:
+        """Call when there is something to read."""
+
+    def remove_reader(self, fd: int, /) -> bool:
+        """Stop that."""
+
+    def add_writer(self, fd: int, callback: Callable[[], Any], /) -> None:
+        """Call when there is room to write."""
+
+    def remove_writer(self, fd: int, /) -> bool:
+        """Stop that."""
+
+    def call_later(self, delay: float, callback: Callable[[], Any], /) -> Timer:
+        """Call after a delay, s."""
+
+
+class Transport(Protocol):
+    """One open link. `whole`: each piece of data is a datagram, which no frame outlives."""
+
+    endpoint: Endpoint
+    whole: bool
+    send_errors: int
 
     @property
     def port(self) -> int:
-        """The local port."""
-        return int(self._socket.getsockname()[1])
+        """The local port; 0 where there is none."""
 
-    def start(self, on_data: Callable[[bytes], None]) -> None:
+    def start(self, loop: Loop, on_data: OnData, on_change: OnChange) -> None:
         """Read from now on, in the running event loop."""
-        self._on_data = on_data
-        self._loop = asyncio.get_running_loop()
-        self._loop.add_reader(self._socket.fileno(), self.drain, MOST_DATAGRAMS_A_TURN)
 
-    def drain(self, most: int | None = None) -> int:
-        """Hand on everything that has arrived (at most `most` datagrams); return how many there were."""
-        count = 0
-        while most is None or count < most:
-            try:
-                data, peer = self._socket.recvfrom(DATAGRAM)
-            except (BlockingIOError, InterruptedError):
-                break
-            except ConnectionError:
-                continue  # an ICMP refusal of something sent earlier: the peer is not there (yet)
-            if self.endpoint.kind == "udpin":
-                self._peer = peer
-            count += 1
-            self._on_data(data)
-        return count
+    def drain(self) -> int:
+        """Hand on everything that has arrived; return how many pieces there were."""
 
     def send(self, data: bytes) -> None:
-        """Send a datagram; with nobody to send to it is dropped. A full buffer drops too: old setpoints help nobody."""
-        if self._peer is None:
-            return
-        try:
-            self._socket.sendto(data, self._peer)
-        except OSError:
-            self.send_errors += 1
+        """Send now or never."""
 
     def close(self) -> None:
         """Stop reading and close; a closed link sends nothing."""
-        if self._loop is not None and not self._loop.is_closed():
-            self._loop.remove_reader(self._socket.fileno())
-        self._peer = None
-        self._socket.close()
 
 
-def _why(endpoint: Endpoint, error: OSError) -> str:
-    if isinstance(error, socket.gaierror):
-        return f"{endpoint}: the host name '{endpoint.host}' is not known"
-    if error.errno == 98:
-        return f"{endpoint}: the port is in use; stop the other program (another circumnav?) or choose another port"
-    return f"{endpoint}: {error.strerror or error}"
+class Backoff:
+    """How long to wait before the next attempt: 0.2 s, doubled up to 5 s, and anew once the other end has spoken."""
+
+    FIRST_S, MOST_S = 0.2, 5.0
+
+    def __init__(self) -> None:
+        self._next_s = self.FIRST_S
+
+    def next(self) -> float:
+        """Return the wait before the next attempt, s."""
+        wait_s, self._next_s = self._next_s, min(2.0 * self._next_s, self.MOST_S)
+        return wait_s
+
+    def reset(self) -> None:
+        """The other end is there."""
+        self._next_s = self.FIRST_S

@@ -41,6 +41,7 @@ RULES: dict[str, set[str]] = {
         *WORLD,
     },
     "circumnav_mav/flight.py": {"circumnav_mav.runtime", "circumnav_mav.study", *WORLD},
+    "circumnav_mav/range_feed.py": {"circumnav_mav.runtime", "circumnav_mav.study", *WORLD},
     "circumnav_mav/config.py": {"circumnav_mav.runtime", "circumnav_mav.study", *WORLD},
     "circumnav_mav/runtime": {"circumnav_mav.study"},
     "circumnav_mav": {"sitl_stub", "pymavlink.mavutil"},
