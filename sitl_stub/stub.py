@@ -199,16 +199,20 @@ class Stub:
 
     def _step(self, t_s: float) -> None:
         self.now_s = t_s
-        for fault, begins in self._timeline.until(t_s):
-            happenings.happen(self, fault, begins)
+        if t_s >= self._timeline.next_s:
+            for fault, begins in self._timeline.until(t_s):
+                happenings.happen(self, fault, begins)
         world, autopilot = self.world, self.autopilot
-        world.step()
+        if world.gusty:
+            world.step()
         autopilot.step(t_s, world.wind_n, world.wind_e)
         if self.radio is not None and (t_s >= self.radio.due_s or t_s >= self._next_radio_heartbeat_s):
             self._range(self.radio, t_s)
         for link in self._vehicle_links:
-            for raw in link.late(t_s):
-                self._take_frame(link, raw)
+            link.now_s = t_s
+            if link.has_late:
+                for raw in link.late(t_s):
+                    self._take_frame(link, raw)
         for foreigner in self.foreigners.values():
             foreigner.step(t_s, self.links["offboard"])
         if t_s < self._down_until_s:

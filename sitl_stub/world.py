@@ -68,18 +68,18 @@ class World:
         self._gust_keep = math.exp(-dt_s / config.gust_tau_s)
         self._gust_kick = config.gust_sigma_m_s * math.sqrt(1.0 - self._gust_keep**2)
         self._gust_n = self._gust_e = 0.0
+        self.gusty = self._gust_kick > 0.0  # whether there is anything to step
         self._steady_n, self._steady_e = config.wind_north_m_s, config.wind_east_m_s
         self.wind_n, self.wind_e = self._steady_n, self._steady_e
         self._beacon_n, self._beacon_e, self._beacon_s = config.beacon_north_m, config.beacon_east_m, 0.0
 
     def step(self) -> None:
         """Carry the gusts (a first-order process in each axis) over one step."""
-        if self._gust_kick:
-            gauss = self._random.gauss
-            self._gust_n = self._gust_n * self._gust_keep + self._gust_kick * gauss(0.0, 1.0)
-            self._gust_e = self._gust_e * self._gust_keep + self._gust_kick * gauss(0.0, 1.0)
-            self.wind_n = self._steady_n + self._gust_n
-            self.wind_e = self._steady_e + self._gust_e
+        gauss = self._random.gauss
+        self._gust_n = self._gust_n * self._gust_keep + self._gust_kick * gauss(0.0, 1.0)
+        self._gust_e = self._gust_e * self._gust_keep + self._gust_kick * gauss(0.0, 1.0)
+        self.wind_n = self._steady_n + self._gust_n
+        self.wind_e = self._steady_e + self._gust_e
 
     def set_wind(self, east_m_s: float, north_m_s: float) -> None:
         """Change the steady wind; gusts go on around it."""
