@@ -40,6 +40,7 @@ class MultirotorPilot:
         self._entered_s = 0.0
         self._hold: tuple[float, float] | None = None
         self._hold_h = vehicle.h
+        self._wanted: tuple[float, float, float] | None = None  # by DO_REPOSITION
         self._leg = ""  # of a return
         self._told_default = True
         self._target_h = 0.0
@@ -54,6 +55,19 @@ class MultirotorPilot:
     def begin_in_hold(self) -> None:
         """Hold from where it starts in the air."""
         self._enter(self._mode, 0.0)
+
+    def go_to(self, north_m: float, east_m: float, height_m: float) -> None:
+        """Hold somewhere else; NaN: as it is. It holds from the next step on if the mode is Hold by then."""
+        self._wanted = (north_m, east_m, height_m)
+
+    def _go_to_wanted(self) -> None:
+        assert self._wanted is not None
+        north_m, east_m, height_m = self._wanted
+        self._wanted = None
+        if math.isfinite(north_m + east_m):
+            self._hold = north_m, east_m
+        if math.isfinite(height_m):
+            self._hold_h = height_m
 
     def take_setpoint(self, setpoint: Setpoint) -> None:
         """Fly this whenever the mode is OFFBOARD."""
@@ -109,6 +123,8 @@ class MultirotorPilot:
             return vn, ve, -self._descent()
         if mode is Mode.RTL:
             return self._return()
+        if self._wanted is not None:
+            self._go_to_wanted()
         vn, ve = self._stay()
         if self.vehicle.h <= 0.0 and self._hold_h <= 0.0:
             return 0.0, 0.0, 0.0
