@@ -38,7 +38,7 @@ def take(stub: Stub, link: Link, message: Message, command: int, p: Params) -> N
         _request_mode(stub, link, message, command, mode)
     elif command in MODE_COMMANDS:
         if command == 22:
-            stub.autopilot.pilot.takeoff_height_m = p[6] - HOME_AMSL_M
+            stub.autopilot.pilot.take_off_to(p[6] - HOME_AMSL_M)
         elif command == 192:
             stub.autopilot.pilot.go_to(*_place(p))
         _request_mode(stub, link, message, command, MODE_COMMANDS[command])

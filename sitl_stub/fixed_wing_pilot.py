@@ -44,7 +44,7 @@ class FixedWingPilot:
         self.sticks = (0.0, 0.0, 0.0, 0.0)
         self.local_n, self.local_e, self.local_h = vehicle.n, vehicle.e, 0.0
         self.home_n, self.home_e = vehicle.n, vehicle.e
-        self.takeoff_height_m = math.nan
+        self._takeoff_height_m = math.nan
         self._airspeed_scale = airspeed_scale  # what the sensor shows / what is true
         self._mode = commander.mode
         self._entered_s = 0.0
@@ -73,6 +73,10 @@ class FixedWingPilot:
         if math.isfinite(height_m):
             self._height = height_m
 
+    def take_off_to(self, height_m: float) -> None:
+        """Take off to this height when the mode is Takeoff next; NaN: MIS_TAKEOFF_ALT above here."""
+        self._takeoff_height_m = height_m
+
     def take_setpoint(self, setpoint: Setpoint) -> None:
         """Fly this whenever the mode is OFFBOARD."""
         self.setpoint = setpoint
@@ -99,9 +103,9 @@ class FixedWingPilot:
         self._height, self._course = v.h, math.atan2(v.ve, v.vn) if v.airspeed > 2.0 else v.yaw
         self._centre = (v.n, v.e)  # around where it is: it flies out first, as PX4 does
         if mode is Mode.TAKEOFF:
-            asked = self.takeoff_height_m
+            asked = self._takeoff_height_m
             self._height = v.h + float(self.params["MIS_TAKEOFF_ALT"]) if math.isnan(asked) else asked
-            self.takeoff_height_m = math.nan
+            self._takeoff_height_m = math.nan
         elif mode is Mode.RTL:
             self._centre = (self.home_n, self.home_e)
             self._height = max(v.h, float(self.params["RTL_RETURN_ALT"]))

@@ -1,10 +1,9 @@
-"""What is around the vehicle: the beacon, the air, the globe, and the truth that tests compare with."""
+"""What is around the vehicle: the beacon, the air, the globe."""
 
 from __future__ import annotations
 
 import math
 import random
-from dataclasses import dataclass
 from typing import Protocol
 
 from sitl_stub.config import StubConfig
@@ -13,39 +12,6 @@ EARTH_RADIUS_M = 6371000.0
 HOME_LAT_DEG, HOME_LON_DEG, HOME_AMSL_M = 47.397742, 8.545594, 489.4  # where PX4's simulation stands
 _M_PER_DEG_LAT = math.radians(EARTH_RADIUS_M)
 _M_PER_DEG_LON = _M_PER_DEG_LAT * math.cos(math.radians(HOME_LAT_DEG))
-
-
-@dataclass(frozen=True, slots=True)
-class Truth:
-    """Where everything really is at t_s [s since boot].
-
-    East, north [m] from the world's origin; height_m above ground. heading_rad and course_rad count counter-clockwise
-    from east; turn_rate_rad_s is that of the nose, + counter-clockwise. speed_m_s is the horizontal ground speed.
-    range_m is the slant range to the beacon.
-    """
-
-    t_s: float
-    east_m: float
-    north_m: float
-    height_m: float
-    heading_rad: float
-    course_rad: float
-    speed_m_s: float
-    climb_m_s: float
-    airspeed_m_s: float
-    turn_rate_rad_s: float
-    roll_rad: float
-    pitch_rad: float
-    beacon_east_m: float
-    beacon_north_m: float
-    beacon_height_m: float
-    range_m: float
-    horizontal_range_m: float
-    wind_east_m_s: float
-    wind_north_m_s: float
-    mode: str
-    armed: bool
-    failsafe: bool
 
 
 class Mover(Protocol):
