@@ -13,6 +13,7 @@ from circumnav_mav.config import Config
 from circumnav_mav.endpoint import parse
 from circumnav_mav.flight import RANGING, VEHICLE, Flight, TickRecord
 from circumnav_mav.guidance.phases import ENGAGED, Phase
+from circumnav_mav.guidance.target import describe, describe_drift
 from circumnav_mav.runtime.clock import Clock, run_on_grid
 from circumnav_mav.runtime.keyfile import open_signer
 from circumnav_mav.runtime.links import open_link, open_ranging_link
@@ -239,6 +240,8 @@ class App:
             "speed_m_s": record.speed_m_s,
             "speed_source": record.speed_source,
             "height_m": record.height_m,
+            "target": describe(self.flight.target, self.flight.target_place),
+            "drift": describe_drift(self.flight.target),
             "sample_age_s": record.sample_age_s,
             "rejected": record.rejected,
             "lateness_ms": self._lateness_s * 1e3,
