@@ -301,7 +301,10 @@ class Flight:
     def _invite(self, now_s: float) -> None:
         """Say once, while ready, that the pilot's choice of the mode is what it now takes."""
         streams = self._sent_rad_s == self._sent_rad_s
-        if self.computer.phase is Phase.READY and not self._invited and (streams or not self.words.stream_first):
+        by_itself = self._auto is not None and self._auto.step is not Step.LEFT_TO_PILOT
+        if self._invited or by_itself or self.computer.phase is not Phase.READY:
+            return
+        if streams or not self.words.stream_first:
             self._invited = True
             self._say(now_s, f"ready: {'streaming, ' if streams else ''}select {self.words.ours_name} to engage", INFO)
 

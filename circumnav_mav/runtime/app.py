@@ -163,7 +163,7 @@ class App:
         if flight.end_reason and self._end_by_s == inf:
             self._end_by_s = now_s + END_WITHIN_S
         self._verdict = self._verdict or self._find_verdict(now_s, phase)
-        if now_s >= self._show_next_s:
+        if now_s >= self._show_next_s or self._verdict is not None or flight.done:
             self._show_next_s = now_s + self._clock.speed / REFRESH_HZ
             self._watch_drops(now_s)
             self._show_events()
