@@ -35,7 +35,7 @@ SPLIT = 0.16
 
 
 STIRS = (1.0, 30.0, 900.0)
-"""Calm, gusty, wild: how many times the usual noise drives the drift. Once the ring is gone, one of each is flown, and
+"""Calm, gusty, wild: how many times the usual noise drives drift and scale. Once the ring is gone, one of each is flown, and
 the readings say which it is."""
 
 
@@ -77,7 +77,7 @@ class Drift(NamedTuple):
     vv: float
     vs: float
     ss: float
-    stir: float  # how many times the usual noise drives w
+    stir: float  # how many times the usual noise drives w and s
     log_weight: float
 
 
@@ -108,7 +108,7 @@ def predict(h: Drift, dx: float, dy: float, dt: float, par: Parameters) -> Drift
         us,
         vv + q,
         vs,
-        ss + par.q_s * dt,
+        ss + stir * par.q_s * dt,
         stir,
         log_weight,
     )
