@@ -29,14 +29,12 @@ from circumnav_mav.guidance.kernel import (
 RING = 16
 """Gaussians over the bearing at the start."""
 
-
 SPLIT = 0.16
 """A hypothesis longer across the line of sight than this share of the range is cut."""
 
-
 STIRS = (1.0, 30.0, 900.0)
-"""Calm, gusty, wild: how many times the usual noise drives drift and scale. Once the ring is gone, one of each is flown, and
-the readings say which it is."""
+"""Calm, gusty, wild: how many times the usual noise drives drift and scale. Once the ring is gone, one of each is
+flown, and the readings say which it is."""
 
 
 class Parameters(NamedTuple):
