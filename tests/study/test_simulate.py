@@ -10,7 +10,7 @@ from circumnav_mav.guidance.laws import LAWS
 from circumnav_mav.study import drive, kernels
 from circumnav_mav.study.noise import draw
 from circumnav_mav.study.scenarios import SCENARIOS
-from circumnav_mav.study.simulate import Pilot, fly_one, setup, simulate
+from circumnav_mav.study.simulate import Pilot, fly_one, program, setup, simulate
 
 OURS = Pilot("tangent", "drift")
 RAW = Pilot("hashemi2013", "raw", {"kappa": 10.0})
@@ -46,6 +46,18 @@ def test_the_same_seed_gives_the_same_runs_whatever_the_workers():
     other = simulate(SCENARIOS["P_wind25"], RAW, 25, 6, workers=2)
     assert one.tobytes() == two.tobytes()
     assert one["tail_ms"].tolist() != other["tail_ms"].tolist()
+
+
+def test_without_numba_the_plain_functions_fly_in_processes(monkeypatch):
+    compiled = simulate(SCENARIOS["P_wind25"], RAW, 3, 5)
+    monkeypatch.setattr(kernels, "numba", None)
+    program.cache_clear()
+    try:
+        flown = simulate(SCENARIOS["P_wind25"], RAW, 3, 5, workers=2)
+    finally:
+        program.cache_clear()
+    for field in flown.dtype.names:
+        assert flown[field] == pytest.approx(compiled[field], rel=1e-6, nan_ok=True)
 
 
 def test_scenarios_share_the_draws_of_what_they_have_in_common():
