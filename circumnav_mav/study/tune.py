@@ -194,7 +194,7 @@ def tune(
     aircraft: Aircraft,
     *,
     seed: int = 1,
-    evaluations: int = 120,
+    evaluations: int = 96,
     runs: int = 12,
     fresh_runs: int = 100,
     keep_pair: bool = False,
@@ -214,7 +214,7 @@ def tune(
     with ThreadPoolExecutor(workers) as pool:
         fly_one(aircraft.scenarios()[0], present, seed, 0)  # compiles before the workers start
         most_effort = max(1.0, judge(present, runs, seed, pool).effort)
-        total = evaluations * len(pairs)
+        total = _generations(evaluations) * _size(evaluations) * len(pairs)
         for law, estimator in pairs:
             own = (law, estimator) == (present.law, present.estimator)
             base = present if own else Gains(law, estimator, {}, {}, aircraft)
@@ -255,18 +255,33 @@ def _at(base: Gains, point: Sequence[float]) -> Gains:
     )
 
 
+def _size(evaluations: int) -> int:
+    """Return how many candidates a generation has."""
+    return min(16, evaluations)
+
+
+def _generations(evaluations: int) -> int:
+    return evaluations // _size(evaluations)
+
+
 def _search(cost: Callable[[Sequence[float]], float], base: Gains, evaluations: int, seed: int) -> None:
-    """Call `cost` `evaluations` times: a first generation spread evenly, then differential evolution."""
+    """Call `cost` for whole generations: the first is spread evenly, differential evolution makes the others."""
     axes = _axes(base)
     if not axes:
         raise ValueError(f"nothing to tune in {base.pair}")
     bounds = [(math.log(least), math.log(greatest)) for _, _, least, greatest in axes]
-    size = min(16, evaluations)
+    size, generations = _size(evaluations), _generations(evaluations)
     spread = qmc.LatinHypercube(len(axes), rng=np.random.default_rng(seed)).random(size)
     first = qmc.scale(spread, *np.array(bounds).T)
-    generations = evaluations // size - 1
     differential_evolution(
-        cost, bounds, init=first, maxiter=generations, polish=False, tol=0.0, atol=0.0, rng=np.random.default_rng(seed)
+        cost,
+        bounds,
+        init=first,
+        maxiter=generations - 1,
+        polish=False,
+        tol=0.0,
+        atol=0.0,
+        rng=np.random.default_rng(seed),
     )
 
 

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 from matplotlib.figure import Figure
+from matplotlib.ticker import ScalarFormatter
 
 from circumnav_mav.study.tune import Gains, Score, Tuned, pareto
 
@@ -86,6 +87,8 @@ def draw(tuned: Tuned, file: Path) -> None:
         axes.plot([score.effort], [score.rms_worst_m], marker, ms=9, label=f"{label}, on fresh noise")
     axes.set(xscale="log", yscale="log", xlabel="mean u² over (V / r_a)²", ylabel="rms error in the worst wind [m]")
     axes.set_title(f"{len(tuned.flown)} candidates for {tuned.aircraft.V_m_s:g} m/s on {tuned.aircraft.r_a_m:g} m")
+    axes.xaxis.set_major_formatter(ScalarFormatter())
+    axes.xaxis.set_minor_formatter(ScalarFormatter())
     axes.grid(alpha=0.3, which="both")
     axes.legend(fontsize=7)
     figure.savefig(file, dpi=120)
