@@ -51,8 +51,8 @@ def yaml_text(original: str, tuned: Tuned, seed: int) -> str:
         f"# Gains found by `circumnav tune` (seed {seed}) for {a.V_m_s:g} m/s on {a.r_a_m:g} m: turn rate up to "
         f"{a.turn_rate_limit_rad_s:.3g} rad/s with {a.lag_s:.3g} s of lag,\n"
         f"# range noise {a.sigma_r_m:.3g} m at {a.range_rate_hz:.3g} Hz, wind up to {a.wind_m_s:.3g} m/s.\n"
-        f"# On {tuned.fresh_runs} fresh runs each in calm, in half the wind with the speed believed 5 % high, and in all "
-        "of the wind:\n"
+        f"# On {tuned.fresh_runs} fresh runs each in calm, in half the wind with the speed believed 5 % high, and in "
+        "all of the wind:\n"
     )
     return heading + "".join(f"#   {line}\n" for line in lines(tuned)) + "\n" + text
 
