@@ -14,7 +14,7 @@ from typing import Annotated
 
 import typer
 
-from circumnav_mav import __version__
+from circumnav_mav import __version__, cli_study
 from circumnav_mav.config import ConfigError, load
 from circumnav_mav.runtime.app import Options
 from circumnav_mav.runtime.clock import Clock
@@ -98,10 +98,34 @@ def check(config: ConfigPath) -> None:
         typer.echo(line)
 
 
+@app.command()
+def ranging(
+    config: ConfigPath,
+    duration: Annotated[float | None, typer.Option(help="stop after so many seconds", min=0.1)] = None,
+    calibrate: Annotated[
+        float | None,
+        typer.Option(help="true distance to the beacon [m]: measure the bias, and write it into the file", min=0.1),
+    ] = None,
+) -> None:
+    """Show live what the ranging sensor says: ranges, rejections by reason, rate, age, jitter. Moves nothing."""
+    from circumnav_mav.runtime.ranging_session import run_ranging
+    from circumnav_mav.runtime.ranging_view import open_ranging_view
+
+    settings = load(config)
+    view = open_ranging_view(f"circumnav ranging  {settings.ranging.source}")
+    problem = run_ranging(settings, config, view, typer.echo, duration_s=duration, distance_m=calibrate)
+    if problem:
+        _complain(problem)
+        raise typer.Exit(EXIT_FLIGHT)
+
+
 @app.command(context_settings={"allow_extra_args": True, "ignore_unknown_options": True, "help_option_names": []})
 def stub(context: typer.Context) -> None:
     """Run the vehicle stub alone; `circumnav stub --help` lists its options."""
     raise typer.Exit(subprocess.call([sys.executable, "-m", "sitl_stub", *context.args]))
+
+
+cli_study.register(app)
 
 
 def _finish(outcome: Outcome, json: Path | None) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import re
 from collections.abc import Iterator
-from math import nan
+from math import inf, nan, radians
 from pathlib import Path as FilePath
 from typing import Annotated, Any, Literal, NamedTuple
 
@@ -13,11 +13,14 @@ import yaml
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
 
 from circumnav_mav import endpoint
-from circumnav_mav.guidance.computer import GuidanceSettings
+from circumnav_mav.guidance.computer import GuidanceSettings, band_of
 from circumnav_mav.guidance.estimators import ESTIMATORS
 from circumnav_mav.guidance.kernel import LawContext
 from circumnav_mav.guidance.laws import LAWS
-from circumnav_mav.mavlink.setpoints import ENCODERS
+from circumnav_mav.guidance.safety import Limits as SafetyLimits
+from circumnav_mav.mavlink.setpoints import SetpointLimits
+from circumnav_mav.mavlink.vehicles import VEHICLES
+from circumnav_mav.mavlink.vehicles.plug import Options, VehicleClass
 from circumnav_mav.ranging import SOURCES, ByteSource
 from circumnav_mav.ranging.receiver import check_options
 
@@ -64,10 +67,12 @@ class Section(BaseModel):
 class Vehicle(Section):
     """The aircraft and the link to it."""
 
-    kind: Annotated[str, _one_of("vehicle class", ENCODERS)] = Field("px4_multirotor", alias="class")
+    kind: Annotated[str, _one_of("vehicle class", VEHICLES)] = Field("px4_multirotor", alias="class")
     link: Link = "udpin://0.0.0.0:14540"
     signing_key_file: str | None = None
-    lead_s: NotNegative = Field(0.6, le=2.0)
+    lead_s: NotNegative | None = Field(None, le=2.0)
+    pitch_deg: FiniteFloat | None = Field(None, ge=-30.0, le=30.0)
+    thrust: FiniteFloat | None = Field(None, gt=0.0, lt=1.0)
 
 
 class Ranging(Section):
@@ -108,6 +113,8 @@ class Orbit(Section):
     direction: Literal["clockwise", "anticlockwise"] = "clockwise"
     speed_m_s: Positive = 5.0
     height_m: Positive | None = None
+    r_min_m: Positive | None = None
+    r_max_m: Positive | None = None
 
 
 class Named(BaseModel):
@@ -140,6 +147,24 @@ class Limits(Section):
 
     turn_rate_rad_s: Positive = 0.8
     turn_accel_rad_s2: Positive = 2.0
+    bank_deg: Positive = Field(30.0, le=50.0)
+
+
+Action = Literal["fly_on", "hold", "stop", "return", "land"]
+
+
+class Safety(Section):
+    """What ends a flight, and how: see guidance/safety.py."""
+
+    flight_time_s: Positive | None = None
+    laps: Positive | None = None
+    on_used_up: Literal["hold", "return", "land"] = "hold"
+    battery_pct: Annotated[FiniteFloat, Field(ge=0, le=100)] = 20.0
+    on_battery_low: Action = "return"
+    height_lost_s: Positive = 3.0
+    on_height_lost: Action = "hold"
+    on_estimates_lost: Action = "land"
+    on_band_broken: Action = "hold"
 
 
 class Loop(Section):
@@ -163,7 +188,8 @@ class Config(Section):
     orbit: Orbit = Orbit()
     law: LawChoice = Field(default_factory=lambda: LawChoice.model_validate({}))
     estimator: EstimatorChoice = Field(default_factory=lambda: EstimatorChoice.model_validate({}))
-    limits: Limits = Limits()
+    limits: Limits = Limits()  # type: ignore[call-arg]
+    safety: Safety = Safety()
     loop: Loop = Loop()
     engage: Literal["pilot", "auto"] = "pilot"
     on_range_lost: Literal["hold", "stop", "return", "land"] = "hold"
@@ -174,13 +200,65 @@ class Config(Section):
         return LawContext(
             r_a=self.orbit.radius_m,
             V=self.orbit.speed_m_s,
-            turn_rate_limit=self.limits.turn_rate_rad_s,
-            turn_lag_s=TURN_LAG_S[self.vehicle.kind],
+            turn_rate_limit=self.turn_rate_limit_rad_s,
+            turn_lag_s=self.vehicle_class.turn_lag_s,
+        )
+
+    @property
+    def vehicle_class(self) -> VehicleClass:
+        """The class that vehicle.class names."""
+        return VEHICLES[self.vehicle.kind]
+
+    @property
+    def turn_rate_limit_rad_s(self) -> float:
+        """The turn rate that is never passed: limits.turn_rate_rad_s, or what the bank allows at the speed."""
+        limits = self.limits
+        bank_rad = radians(limits.bank_deg)
+        return self.vehicle_class.turn_rate_limit(limits.turn_rate_rad_s, bank_rad, self.orbit.speed_m_s)
+
+    @property
+    def lead_s(self) -> float:
+        """How far the velocity runs ahead of the nose: vehicle.lead_s, or what was measured for the class."""
+        return self.vehicle_class.lead_s if self.vehicle.lead_s is None else self.vehicle.lead_s
+
+    def encoder_options(self) -> Options:
+        """Return what the vehicle class builds its encoder from."""
+        v = self.vehicle
+        return Options(
+            limits=SetpointLimits(self.turn_rate_limit_rad_s, self.orbit.speed_m_s),
+            speed_m_s=self.orbit.speed_m_s,
+            bank_rad=radians(self.limits.bank_deg),
+            lead_s=self.lead_s,
+            pitch_rad=nan if v.pitch_deg is None else radians(v.pitch_deg),
+            thrust=nan if v.thrust is None else v.thrust,
         )
 
 
-TURN_LAG_S = {"px4_multirotor": 0.45}
-"""Time to 63 % of a step in turn rate, by vehicle class (measured)."""
+RESTARTS_A_MINUTE = 3
+"""So many restarts of the estimator within a minute mean that ranges and motion do not belong together."""
+
+
+def safety_limits(config: Config) -> tuple[SafetyLimits, dict[str, str]]:
+    """Return what may not be exceeded, and what is done about each cause of guidance/safety.py."""
+    s, orbit = config.safety, config.orbit
+    limits = SafetyLimits(
+        r_min_m=orbit.r_min_m or -inf,
+        r_max_m=orbit.r_max_m or inf,
+        battery_pct=s.battery_pct,
+        height_lost_s=s.height_lost_s,
+        restarts_a_minute=RESTARTS_A_MINUTE,
+        flight_time_s=s.flight_time_s or inf,
+        laps=s.laps or inf,
+    )
+    return limits, {
+        "diverged": config.on_range_lost,
+        "band_broken": s.on_band_broken,
+        "estimates_lost": s.on_estimates_lost,
+        "height_lost": s.on_height_lost,
+        "battery_low": s.on_battery_low,
+        "time_used_up": s.on_used_up,
+        "laps_used_up": s.on_used_up,
+    }
 
 
 def guidance_settings(config: Config) -> GuidanceSettings:
@@ -199,6 +277,8 @@ def guidance_settings(config: Config) -> GuidanceSettings:
         sigma_m=ranging.sigma_m,
         height_m=nan if orbit.height_m is None else orbit.height_m,
         target_height_m=nan if ranging.target_height_m is None else ranging.target_height_m,
+        r_min_m=orbit.r_min_m or -inf,
+        r_max_m=orbit.r_max_m or inf,
     )
 
 
@@ -263,13 +343,18 @@ def parse(text: str, file: str = "config") -> Config:
 
 def cross_checks(config: Config) -> Iterator[tuple[str, str]]:
     """Yield (path, what is wrong) for values that are right alone and wrong together."""
-    orbit, limits = config.orbit, config.limits
-    needed = orbit.speed_m_s / orbit.radius_m
-    if needed > limits.turn_rate_rad_s:
+    orbit = config.orbit
+    yield from _vehicle_checks(config)
+    room_m = 2.0 * band_of(guidance_settings(config)).margin
+    if orbit.r_min_m is not None and orbit.r_min_m > orbit.radius_m - room_m:
         yield (
-            "orbit.radius_m",
-            f"flying {orbit.speed_m_s:g} m/s on {orbit.radius_m:g} m turns at {needed:.3f} rad/s, above "
-            f"limits.turn_rate_rad_s = {limits.turn_rate_rad_s:g}: raise the radius or the limit, or fly slower",
+            "orbit.r_min_m",
+            f"must be at least {room_m:.1f} m below the radius: the barrier would bend the orbit itself",
+        )
+    if orbit.r_max_m is not None and orbit.r_max_m < orbit.radius_m + room_m:
+        yield (
+            "orbit.r_max_m",
+            f"must be at least {room_m:.1f} m above the radius: the barrier would bend the orbit itself",
         )
     law = LAWS[config.law.name]
     unknown = set(config.law.options) - set(law.options)
@@ -290,6 +375,32 @@ def cross_checks(config: Config) -> Iterator[tuple[str, str]]:
     yield from _ranging_checks(config.ranging)
     if config.ranging.sender and config.ranging.sender[1] == 1:
         yield "ranging.from", "component 1 is the autopilot: its own range finder and its echoes are never flown on"
+
+
+def _vehicle_checks(config: Config) -> Iterator[tuple[str, str]]:
+    orbit, limits, vehicle = config.orbit, config.limits, config.vehicle_class
+    needed, most = orbit.speed_m_s / orbit.radius_m, config.turn_rate_limit_rad_s
+    if needed > most:
+        limit = f"limits.turn_rate_rad_s = {limits.turn_rate_rad_s:g}"
+        if most < limits.turn_rate_rad_s:
+            limit = f"the {most:.3f} rad/s that " + (
+                f"limits.bank_deg = {limits.bank_deg:g} gives" if vehicle.banks else f"{vehicle.name} accelerates to"
+            )
+        yield (
+            "orbit.radius_m",
+            f"flying {orbit.speed_m_s:g} m/s on {orbit.radius_m:g} m turns at {needed:.3f} rad/s, above {limit}: "
+            "raise the radius or the limit, or fly slower",
+        )
+    if vehicle.wants_pitch and config.vehicle.pitch_deg is None:
+        yield (
+            "vehicle.pitch_deg",
+            f"{vehicle.name} measures no speed: give the pitch (nose up, so below 0) at which the vehicle flies "
+            f"orbit.speed_m_s = {orbit.speed_m_s:g} through still air",
+        )
+    if config.engage == "auto" and vehicle.take_off is None:
+        yield "engage", f"auto takes off, and {vehicle.name} does not: engage: pilot"
+    if config.on_range_lost == "land" and vehicle.words.land is None:
+        yield "on_range_lost", f"{vehicle.words.autopilot} has no landing mode: hold, return or stop"
 
 
 def _ranging_checks(ranging: Ranging) -> Iterator[tuple[str, str]]:

@@ -6,7 +6,7 @@ takes the app for a ground station.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Iterable, Mapping
 from math import isnan, nan
 from struct import pack, unpack
 from typing import Any
@@ -16,13 +16,17 @@ from circumnav_mav.mavlink.autopilot import AUTOPILOT_COMPONENT, Autopilot
 from circumnav_mav.mavlink.codec import Decoder, Frame, Message, Packer, Splitter
 from circumnav_mav.mavlink.commands import Command, CommandQueue
 from circumnav_mav.mavlink.dialect import by_name, enums
-from circumnav_mav.mavlink.offboard import Authority, ModeRequest
-from circumnav_mav.mavlink.streams import UNWANTED, WANTED_HZ, interval_us
+from circumnav_mav.mavlink.modes import ModeWords
+from circumnav_mav.mavlink.offboard import Authority, ModeRequest, Seen
+from circumnav_mav.mavlink.signing import Signer
+from circumnav_mav.mavlink.streams import WANTED_HZ, interval_us, unwanted
 
 COMPANION_COMPONENT = 191
 HEARTBEAT_S = 1.0
-PARAMETERS = ("COM_OF_LOSS_T", "COM_OBL_RC_ACT")
-"""What the app reads of the autopilot's settings: when and how it acts if the setpoints stop."""
+ASK_MODE_S = 0.1
+"""While the mode is not known, it is asked for so often: PX4 gives up a silent companion after about a second."""
+NEED_HZ = 1.0
+"""Rate to ask for what a vehicle class needs to hear, without flying on it."""
 PARAM_INT32 = 6
 STATUSTEXT_LENGTH = 50
 COMMANDS = frozenset({"COMMAND_LONG", "COMMAND_INT"})
@@ -33,20 +37,31 @@ OWN_MESSAGES = ("COMMAND_ACK", *COMMANDS, "TIMESYNC", "PARAM_VALUE", "STATUSTEXT
 class AutopilotLink:
     """One link. `frames` of the last `receive` are kept for the recorder."""
 
-    def __init__(self, subscribed: Collection[str], wanted_hz: dict[str, float] | None = None) -> None:
+    def __init__(
+        self,
+        subscribed: Collection[str],
+        wanted_hz: Mapping[str, float] = WANTED_HZ,
+        words: ModeWords = px4_modes.WORDS,
+        signer: Signer | None = None,
+    ) -> None:
         self.autopilot = Autopilot()
-        self.authority = Authority(self.autopilot)
+        self.words = words
+        self.authority = Authority(self.autopilot, words)
         self.commands = CommandQueue()
         self.parameters: dict[str, float] = {}
         self.latch_commands = 0
         """How often MAV_CMD_USER_1 came for this component: the operator's wish to be followed again."""
         self.autopilot_texts: list[str] = []
-        self._wanted_hz = WANTED_HZ | (wanted_hz or {})
+        self._wanted_hz = wanted_hz
         read = {*self.autopilot.messages, *OWN_MESSAGES, *subscribed}
         self._splitter = Splitter(read)
         self._decoder = Decoder(read)
-        self._packer = Packer(1, COMPANION_COMPONENT)
+        self._packer = Packer(1, COMPANION_COMPONENT, signer)
+        self.signer = signer
+        self.signs_at_us = False
+        """Whether the autopilot signs and we have no key: it will not listen."""
         self._heartbeat_next_s = nan
+        self._ask_mode_next_s = nan
         self._set_up_for: tuple[int | None, int] = (None, 0)
         self.counts = self._splitter.counts
         self._theirs_alone = frozenset(self.autopilot.messages) - set(subscribed)
@@ -64,10 +79,18 @@ class AutopilotLink:
         frames = self._splitter.feed(data, whole=whole)
         others = []
         decode, autopilot, handlers = self._decoder.decode, self.autopilot, self._handlers
+        signer = self.signer
+        if signer is not None:
+            signer.advance(now_s)
         for frame in frames:
             message = decode(frame)
             if message is None:
                 continue
+            if signer is not None:
+                if not signer.believes(frame.raw, frame.sysid, frame.compid):
+                    continue
+            elif frame.signed and frame.compid == AUTOPILOT_COMPONENT:
+                self.signs_at_us = True
             name = message[0]
             if autopilot.on_message(message, now_s):
                 if autopilot.reboots != self._reboots:
@@ -132,12 +155,14 @@ class AutopilotLink:
         if fields.param_type == PARAM_INT32 and self.autopilot.kind == enums.MAV_AUTOPILOT_PX4:
             (value,) = unpack("<i", pack("<f", value))  # PX4 sends an integer's bytes in the float field
         self.parameters[name] = float(value)
-        if name == "COM_OF_LOSS_T" and value > 0:
+        if name == self.words.loss_parameter and value > 0:
             self.authority.loss_timeout_s = float(value)
 
     def poll(self, now_s: float) -> list[bytes]:
         """Return the frames that are due: heartbeat, answers, commands, mode requests."""
         due: list[bytes] = []
+        if self.signer is not None:
+            self.signer.advance(now_s)
         if not now_s < self._heartbeat_next_s:
             self._heartbeat_next_s = now_s + HEARTBEAT_S
             due.append(self._heartbeat())
@@ -149,6 +174,8 @@ class AutopilotLink:
             due.append(self._packer.pack("TIMESYNC", tc1=int(now_s * 1e9), ts1=self._timesync))
             self._timesync = None
         due += [self._command(command) for command in self.commands.poll(now_s)]
+        if self.authority.seen() is Seen.NOTHING and not now_s < self._ask_mode_next_s:
+            due.append(self._ask_mode(now_s))  # the last answer may have been lost
         due += [self._mode(request) for request in self.authority.poll(now_s)]
         return due
 
@@ -160,7 +187,12 @@ class AutopilotLink:
     def after_gap(self, now_s: float) -> bytes:
         """The app was away: believe nothing older than now; return a request for the mode, so as to know it soon."""
         self.authority.gap(now_s)
-        request = (float(by_name("CURRENT_MODE").msgid),)
+        return self._ask_mode(now_s)
+
+    def _ask_mode(self, now_s: float) -> bytes:
+        """Return a request for the message that shows the mode."""
+        self._ask_mode_next_s = now_s + ASK_MODE_S
+        request = (float(by_name("CURRENT_MODE" if self.words.tells_intention else "HEARTBEAT").msgid),)
         return self._command(Command(enums.MAV_CMD_REQUEST_MESSAGE, request + (0.0,) * 6, "mode"))
 
     def reconnected(self, now_s: float) -> bytes:
@@ -212,29 +244,46 @@ class AutopilotLink:
             return
         self._set_up_for = state
         self.commands.clear()
-        for name, rate_hz in {**self._wanted_hz, **dict.fromkeys(set(UNWANTED) - set(self._wanted_hz), 0.0)}.items():
-            self.commands.push(
-                enums.MAV_CMD_SET_MESSAGE_INTERVAL,
-                float(by_name(name).msgid),
-                interval_us(rate_hz),
-                purpose=f"{name} at {rate_hz:g} Hz" if rate_hz else f"{name} off",
-            )
+        self.ask_for(self._wanted_hz)
+        for name in unwanted(self.autopilot.kind, self._wanted_hz):
+            self._ask_for(name, 0.0)
+
+    def ask_for(self, names: Iterable[str]) -> None:
+        """Ask for streams of the vehicle class, at their rates."""
+        for name in names:
+            self._ask_for(name, self._wanted_hz.get(name, NEED_HZ))
+
+    def _ask_for(self, name: str, rate_hz: float) -> None:
+        self.commands.push(
+            enums.MAV_CMD_SET_MESSAGE_INTERVAL,
+            float(by_name(name).msgid),
+            interval_us(rate_hz),
+            purpose=f"{name} at {rate_hz:g} Hz" if rate_hz else f"{name} off",
+        )
 
     def _target(self) -> dict[str, int]:
         return {"target_system": self.autopilot.sysid or 1, "target_component": AUTOPILOT_COMPONENT}
 
     def _command(self, command: Command) -> bytes:
+        if command.frame is not None:
+            return self._command_int(command, command.frame)
         params = {f"param{i}": value for i, value in enumerate(command.params, 1)}
         return self._packer.pack("COMMAND_LONG", command=command.command, confirmation=0, **params, **self._target())
 
+    def _command_int(self, command: Command, frame: int) -> bytes:
+        *params, x, y, z = command.params
+        fields = {f"param{i}": value for i, value in enumerate(params, 1)}
+        fields |= {"x": int(x), "y": int(y), "z": z, "frame": frame, "current": 0, "autocontinue": 0}
+        return self._packer.pack("COMMAND_INT", command=command.command, **fields, **self._target())
+
     def _mode(self, request: ModeRequest) -> bytes:
-        main, sub = px4_modes.main_and_sub(request.custom_mode)
+        main, sub = self.words.split(request.custom_mode)
         params = (float(enums.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED), float(main), float(sub), 0.0, 0.0, 0.0, 0.0)
         return self._command(Command(enums.MAV_CMD_DO_SET_MODE, params, "mode"))
 
     def read_parameters(self, now_s: float) -> list[bytes]:
         """Return the requests for the parameters that are still missing, at most once a second."""
-        missing = [name for name in PARAMETERS if name not in self.parameters]
+        missing = [name for name in self.words.parameters if name not in self.parameters]
         if not missing or self.autopilot.sysid is None or now_s < self._parameters_next_s:
             return []
         self._parameters_next_s = now_s + 1.0 if isnan(self._parameters_next_s) else now_s + 5.0

@@ -5,10 +5,13 @@ HEARTBEAT or CURRENT_MODE does; OFFBOARD comes back BY ITSELF when a stream resu
 intention stays OFFBOARD. So nothing is streamed unless the newest mode message shows that OFFBOARD is held by this app,
 or a mode that streaming cannot change.
 
+OFFBOARD stands for the mode in which the app flies: GUIDED on ArduPilot. Which one, and how a pilot's choice of it is
+known to be meant for this app, is in the autopilot's ModeWords.
+
 Transitions on a mode message (state x what it shows -> state; RELEASED is latched and has no row):
 
-    NOT_HELD    x OFFBOARD, we streamed      -> HELD         the pilot engaged
-    NOT_HELD    x OFFBOARD, we did not       -> NOT_HELD     somebody else's; never joined
+    NOT_HELD    x OFFBOARD, meant for us     -> HELD         the pilot engaged
+    NOT_HELD    x OFFBOARD, otherwise        -> NOT_HELD     somebody else's; never joined
     ASKED       x OFFBOARD                   -> HELD         confirmed
     ASKED       x another mode than when asked -> RELEASED   the pilot chose while we asked
     HELD        x OFFBOARD                   -> HELD
@@ -31,6 +34,7 @@ from typing import NamedTuple
 
 from circumnav_mav.mavlink import px4_modes
 from circumnav_mav.mavlink.autopilot import SILENT_AFTER_S, STATUS_CRITICAL, Autopilot
+from circumnav_mav.mavlink.modes import ModeWords
 
 ASK_AGAIN_S = 1.0
 ASKS = 3
@@ -38,6 +42,8 @@ PRIMED_WITHIN_S = 0.5
 """A request goes out only behind a setpoint younger than this: PX4 refuses one that comes first."""
 RIVAL_WITHIN_S = 5.0
 """So long after it was last heard, another companion is taken to be there."""
+READY_WITHIN_S = 0.5
+"""A pilot who chooses the mode means this app if it said that it is ready so lately."""
 
 
 class Control(StrEnum):
@@ -71,11 +77,11 @@ class ModeRequest(NamedTuple):
 WITH_AUTHORITY = frozenset({Control.ASKED, Control.HELD, Control.GIVING_BACK})
 
 _ON_MODE: dict[tuple[Control, Seen], tuple[Control, str]] = {
-    (Control.ASKED, Seen.OFFBOARD): (Control.HELD, "Offboard confirmed by the autopilot"),
+    (Control.ASKED, Seen.OFFBOARD): (Control.HELD, "{ours} confirmed by the autopilot"),
     (Control.HELD, Seen.OFFBOARD_DISARMED): (Control.RELEASED, "the vehicle was disarmed"),
     (Control.HELD, Seen.SETTLED): (Control.RELEASED, "pilot or ground station chose {mode}"),
-    (Control.HELD, Seen.UNCLEAR): (Control.RELEASED, "the autopilot left Offboard for {mode}"),
-    (Control.HELD, Seen.FAILSAFE): (Control.RELEASED, "failsafe: the autopilot left Offboard for {mode}"),
+    (Control.HELD, Seen.UNCLEAR): (Control.RELEASED, "the autopilot left {ours} for {mode}"),
+    (Control.HELD, Seen.FAILSAFE): (Control.RELEASED, "failsafe: the autopilot left {ours} for {mode}"),
     (Control.GIVING_BACK, Seen.OFFBOARD_DISARMED): (Control.GIVEN_BACK, "disarmed"),
     (Control.GIVING_BACK, Seen.SETTLED): (Control.GIVEN_BACK, "handed over to {mode}"),
     (Control.GIVING_BACK, Seen.UNCLEAR): (Control.GIVEN_BACK, "handed over to {mode}"),
@@ -85,13 +91,14 @@ _ON_MODE: dict[tuple[Control, Seen], tuple[Control, str]] = {
 
 
 class Authority:
-    """The state of the table above; `loss_timeout_s` is the autopilot's COM_OF_LOSS_T."""
+    """The state of the table above; `loss_timeout_s` is the autopilot's COM_OF_LOSS_T (GUID_TIMEOUT)."""
 
-    def __init__(self, autopilot: Autopilot) -> None:
+    def __init__(self, autopilot: Autopilot, words: ModeWords = px4_modes.WORDS) -> None:
         self._autopilot = autopilot
+        self._words = words
         self.control = Control.NOT_HELD
         self.reason = "waiting for the autopilot's mode"
-        self.loss_timeout_s = 1.0
+        self.loss_timeout_s = words.loss_timeout_s
         self.refused = False
         """Whether OFFBOARD was asked for `ASKS` times in vain."""
         self._rival = ""
@@ -99,6 +106,9 @@ class Authority:
         self._blind_since_s = -inf
         """Mode messages up to this time prove nothing."""
         self._sent_s = nan
+        self._ready_s = nan
+        self._was_elsewhere = False
+        """Whether the mode message before the newest one showed another mode than ours."""
         self._asked_mode: int | None = None
         self._give_back_mode: int | None = None
         self._asks = 0
@@ -109,10 +119,12 @@ class Authority:
         ap = self._autopilot
         if ap.custom_mode is None or not ap.mode_s > self._blind_since_s:
             return Seen.NOTHING
-        if ap.custom_mode == px4_modes.OFFBOARD:
+        if ap.custom_mode == self._words.ours:
             return Seen.OFFBOARD if ap.armed else Seen.OFFBOARD_DISARMED
-        if ap.system_status >= STATUS_CRITICAL or ap.intended_mode == px4_modes.OFFBOARD:
+        if ap.system_status >= STATUS_CRITICAL or ap.intended_mode == self._words.ours:
             return Seen.FAILSAFE
+        if not self._words.tells_intention:
+            return Seen.SETTLED
         return Seen.SETTLED if ap.intended_mode == ap.custom_mode else Seen.UNCLEAR
 
     def may_stream(self, now_s: float) -> bool:
@@ -128,7 +140,8 @@ class Authority:
             return True
         if self._has_rival(now_s):
             return False
-        return self.control is Control.ASKED or (self.control is Control.NOT_HELD and seen is Seen.SETTLED)
+        early = self.control is Control.NOT_HELD and seen is Seen.SETTLED and self._words.stream_first
+        return early or self.control is Control.ASKED
 
     def why_not(self, now_s: float) -> str:
         """Return in words why no setpoint may leave now; empty where one may."""
@@ -140,10 +153,12 @@ class Authority:
             return self.reason
         if self._has_rival(now_s):
             return self._rival
+        ours = self._words.ours_name
         return {
             Seen.NOTHING: "waiting for a mode message newer than the gap",
-            Seen.OFFBOARD: "Offboard was active before this app streamed: choose another mode, then Offboard again",
-            Seen.OFFBOARD_DISARMED: "Offboard is selected on the ground: choose another mode first",
+            Seen.OFFBOARD: f"{ours} was active before this app was ready: choose another mode, then {ours} again",
+            Seen.OFFBOARD_DISARMED: f"{ours} is selected on the ground: choose another mode first",
+            Seen.SETTLED: "",
             Seen.FAILSAFE: "failsafe: a stream would take the aircraft by itself; choose a mode first",
             Seen.UNCLEAR: "the autopilot does not send CURRENT_MODE, so streaming early is not safe",
         }.get(seen := self.seen(), str(seen))
@@ -151,12 +166,22 @@ class Authority:
     def on_mode(self, now_s: float) -> None:
         """Walk the table after a HEARTBEAT or CURRENT_MODE."""
         seen = self.seen()
-        if self.control is Control.NOT_HELD and seen is Seen.OFFBOARD and self._primed(now_s, self.loss_timeout_s + 1):
-            self._to(Control.HELD, "the pilot selected Offboard")
+        if self.control is Control.NOT_HELD and seen is Seen.OFFBOARD and self._meant_for_us(now_s):
+            self._to(Control.HELD, f"the pilot selected {self._words.ours_name}")
         elif self._pilot_chose_while_asked(seen):
-            self._to(Control.RELEASED, f"pilot or ground station chose {self._mode()} while Offboard was asked for")
+            self._to(
+                Control.RELEASED,
+                f"pilot or ground station chose {self._mode()} while {self._words.ours_name} was asked for",
+            )
         elif row := _ON_MODE.get((self.control, seen)):
-            self._to(row[0], row[1].format(mode=self._mode()))
+            self._to(row[0], row[1].format(mode=self._mode(), ours=self._words.ours_name))
+        if seen is not Seen.NOTHING:
+            self._was_elsewhere = seen is not Seen.OFFBOARD and seen is not Seen.OFFBOARD_DISARMED
+
+    def _meant_for_us(self, now_s: float) -> bool:
+        if self._words.stream_first:
+            return self._primed(now_s, self.loss_timeout_s + 1)
+        return self._was_elsewhere and now_s - self._ready_s <= READY_WITHIN_S
 
     def _pilot_chose_while_asked(self, seen: Seen) -> bool:
         if self.control is not Control.ASKED or seen not in (Seen.SETTLED, Seen.FAILSAFE, Seen.UNCLEAR):
@@ -186,6 +211,15 @@ class Authority:
     def gap(self, now_s: float) -> None:
         """The app was away (a lag above half the loss timeout, SIGCONT, silence): believe only newer mode messages."""
         self._blind_since_s = now_s
+        self._was_elsewhere = False
+        silent_s = now_s - self._sent_s
+        stays = not self._words.leaves_when_silent
+        if self.control is Control.HELD and stays and silent_s > self.loss_timeout_s:
+            self._to(Control.RELEASED, f"no setpoint for {silent_s:.1f} s: the autopilot has taken over")
+
+    def ready(self, now_s: float) -> None:
+        """A pilot may engage at `now_s`: the beacon is heard, and nothing else flies. Called every tick while so."""
+        self._ready_s = now_s
 
     def sent(self, now_s: float) -> None:
         """A setpoint left at `now_s`."""
@@ -194,7 +228,7 @@ class Authority:
     def ask(self, now_s: float) -> None:
         """Ask for OFFBOARD (engage auto). Only from NOT_HELD; the verdict comes from the mode messages."""
         if self.control is Control.NOT_HELD:
-            self._to(Control.ASKED, "asking for Offboard")
+            self._to(Control.ASKED, f"asking for {self._words.ours_name}")
             self._asked_mode = self._autopilot.custom_mode
             self._asks, self._ask_next_s = 0, now_s
 
@@ -208,7 +242,9 @@ class Authority:
     def open_latch(self) -> bool:
         """The operator asks to be followed again after a release; only in a settled mode. Return whether it opened."""
         if self.control is Control.RELEASED and self.seen() is Seen.SETTLED:
-            self._to(Control.NOT_HELD, "released by the operator's command: Offboard may be selected again")
+            self._to(
+                Control.NOT_HELD, f"released by the operator's command: {self._words.ours_name} may be selected again"
+            )
             return True
         return False
 
@@ -218,7 +254,7 @@ class Authority:
             self.lost(f"the autopilot was not heard for {SILENT_AFTER_S:g} s")
         elif self.control is Control.ASKED:
             if self._primed(now_s, PRIMED_WITHIN_S) and now_s >= self._ask_next_s:
-                return self._ask(px4_modes.OFFBOARD, now_s)
+                return self._ask(self._words.ours, now_s)
         elif self.control is Control.GIVING_BACK and now_s >= self._ask_next_s:
             if self._give_back_mode is not None:
                 return self._ask(self._give_back_mode, now_s) if self.seen() is Seen.OFFBOARD else []
@@ -235,7 +271,7 @@ class Authority:
         return [ModeRequest(custom_mode)]
 
     def _in_vain(self, custom_mode: int) -> None:
-        wanted = px4_modes.name(custom_mode)
+        wanted = self._words.name(custom_mode)
         if self.control is Control.ASKED:
             self.refused = True
             self._to(Control.RELEASED, f"the autopilot did not enter {wanted} when asked {ASKS} times")
@@ -246,7 +282,7 @@ class Authority:
         return now_s - self._sent_s <= within_s
 
     def _mode(self) -> str:
-        return px4_modes.name(self._autopilot.custom_mode or 0)
+        return self._words.name(self._autopilot.custom_mode or 0)
 
     def _to(self, control: Control, reason: str) -> None:
         self.control, self.reason = control, reason

@@ -46,7 +46,7 @@ def test_a_short_stall_is_survived_and_nothing_blind_follows_it(for_s):
 
 
 def test_after_a_stall_no_setpoint_leaves_before_a_mode_message_sent_after_it():
-    """The first mode message after the thaw is kept from the app: it stays silent, for as long as that takes."""
+    """The first answer after the thaw is lost: the app stays silent until it has asked again and been told."""
     rig = orbiting()
     rig.freeze(0.6)
     thawed_s = rig.now_s
@@ -55,6 +55,7 @@ def test_after_a_stall_no_setpoint_leaves_before_a_mode_message_sent_after_it():
     count = len(rig.setpoints())
     while len(rig.setpoints()) == count and rig.now_s < thawed_s + 3.0:
         rig.step()
+    assert rig.log.ticks[-1].control == "held"
     shown_s = rig.flight.link.autopilot.mode_s
     assert rig.setpoints()[-1][0] >= shown_s > thawed_s + rig.tick_s
 
