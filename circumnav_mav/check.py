@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from circumnav_mav.config import TURN_LAG_S, Config
+from circumnav_mav.config import Config
 from circumnav_mav.guidance.estimators import ESTIMATORS
 from circumnav_mav.guidance.laws import LAWS
 from circumnav_mav.guidance.laws.hashemi2013 import DEFAULT_KAPPA, gain
 from circumnav_mav.guidance.verdict import Finding, Flight, report, verdict
-from circumnav_mav.mavlink.setpoints import VELOCITY_LAG_S
 
 MARK = {"error": "ERROR  ", "warning": "warning", "info": "       "}
 
@@ -22,9 +21,9 @@ def findings(config: Config) -> list[Finding]:
         r_a=orbit.radius_m,
         kappa=kappa,
         V=orbit.speed_m_s,
-        turn_rate_limit=config.limits.turn_rate_rad_s,
+        turn_rate_limit=config.turn_rate_limit_rad_s,
         # What the velocity lead does not take out of the vehicle's lag, and half a tick of holding a command.
-        lag_s=TURN_LAG_S[config.vehicle.kind] + abs(VELOCITY_LAG_S - config.vehicle.lead_s),
+        lag_s=config.vehicle_class.turn_lag_s + abs(config.vehicle_class.lead_s - config.lead_s),
         update_s=1.0 / config.loop.rate_hz,
     )
     return report(flight)

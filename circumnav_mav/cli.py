@@ -14,7 +14,7 @@ from typing import Annotated
 
 import typer
 
-from circumnav_mav import __version__
+from circumnav_mav import __version__, cli_study
 from circumnav_mav.config import ConfigError, load
 from circumnav_mav.runtime.app import Options
 from circumnav_mav.runtime.clock import Clock
@@ -123,6 +123,9 @@ def ranging(
 def stub(context: typer.Context) -> None:
     """Run the vehicle stub alone; `circumnav stub --help` lists its options."""
     raise typer.Exit(subprocess.call([sys.executable, "-m", "sitl_stub", *context.args]))
+
+
+cli_study.register(app)
 
 
 def _finish(outcome: Outcome, json: Path | None) -> None:

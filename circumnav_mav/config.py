@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import re
 from collections.abc import Iterator
-from math import nan
+from math import nan, radians
 from pathlib import Path as FilePath
 from typing import Annotated, Any, Literal, NamedTuple
 
@@ -17,7 +17,9 @@ from circumnav_mav.guidance.computer import GuidanceSettings
 from circumnav_mav.guidance.estimators import ESTIMATORS
 from circumnav_mav.guidance.kernel import LawContext
 from circumnav_mav.guidance.laws import LAWS
-from circumnav_mav.mavlink.setpoints import ENCODERS
+from circumnav_mav.mavlink.setpoints import SetpointLimits
+from circumnav_mav.mavlink.vehicles import VEHICLES
+from circumnav_mav.mavlink.vehicles.plug import Options, VehicleClass
 from circumnav_mav.ranging import SOURCES, ByteSource
 from circumnav_mav.ranging.receiver import check_options
 
@@ -64,10 +66,12 @@ class Section(BaseModel):
 class Vehicle(Section):
     """The aircraft and the link to it."""
 
-    kind: Annotated[str, _one_of("vehicle class", ENCODERS)] = Field("px4_multirotor", alias="class")
+    kind: Annotated[str, _one_of("vehicle class", VEHICLES)] = Field("px4_multirotor", alias="class")
     link: Link = "udpin://0.0.0.0:14540"
     signing_key_file: str | None = None
-    lead_s: NotNegative = Field(0.6, le=2.0)
+    lead_s: NotNegative | None = Field(None, le=2.0)
+    pitch_deg: FiniteFloat | None = Field(None, ge=-30.0, le=30.0)
+    thrust: FiniteFloat | None = Field(None, gt=0.0, lt=1.0)
 
 
 class Ranging(Section):
@@ -140,6 +144,7 @@ class Limits(Section):
 
     turn_rate_rad_s: Positive = 0.8
     turn_accel_rad_s2: Positive = 2.0
+    bank_deg: Positive = Field(30.0, le=50.0)
 
 
 class Loop(Section):
@@ -163,7 +168,7 @@ class Config(Section):
     orbit: Orbit = Orbit()
     law: LawChoice = Field(default_factory=lambda: LawChoice.model_validate({}))
     estimator: EstimatorChoice = Field(default_factory=lambda: EstimatorChoice.model_validate({}))
-    limits: Limits = Limits()
+    limits: Limits = Limits()  # type: ignore[call-arg]
     loop: Loop = Loop()
     engage: Literal["pilot", "auto"] = "pilot"
     on_range_lost: Literal["hold", "stop", "return", "land"] = "hold"
@@ -174,13 +179,38 @@ class Config(Section):
         return LawContext(
             r_a=self.orbit.radius_m,
             V=self.orbit.speed_m_s,
-            turn_rate_limit=self.limits.turn_rate_rad_s,
-            turn_lag_s=TURN_LAG_S[self.vehicle.kind],
+            turn_rate_limit=self.turn_rate_limit_rad_s,
+            turn_lag_s=self.vehicle_class.turn_lag_s,
         )
 
+    @property
+    def vehicle_class(self) -> VehicleClass:
+        """The class that vehicle.class names."""
+        return VEHICLES[self.vehicle.kind]
 
-TURN_LAG_S = {"px4_multirotor": 0.45}
-"""Time to 63 % of a step in turn rate, by vehicle class (measured)."""
+    @property
+    def turn_rate_limit_rad_s(self) -> float:
+        """The turn rate that is never passed: limits.turn_rate_rad_s, or what the bank allows at the speed."""
+        limits = self.limits
+        bank_rad = radians(limits.bank_deg)
+        return self.vehicle_class.turn_rate_limit(limits.turn_rate_rad_s, bank_rad, self.orbit.speed_m_s)
+
+    @property
+    def lead_s(self) -> float:
+        """How far the velocity runs ahead of the nose: vehicle.lead_s, or what was measured for the class."""
+        return self.vehicle_class.lead_s if self.vehicle.lead_s is None else self.vehicle.lead_s
+
+    def encoder_options(self) -> Options:
+        """Return what the vehicle class builds its encoder from."""
+        v = self.vehicle
+        return Options(
+            limits=SetpointLimits(self.turn_rate_limit_rad_s, self.orbit.speed_m_s),
+            speed_m_s=self.orbit.speed_m_s,
+            bank_rad=radians(self.limits.bank_deg),
+            lead_s=self.lead_s,
+            pitch_rad=nan if v.pitch_deg is None else radians(v.pitch_deg),
+            thrust=nan if v.thrust is None else v.thrust,
+        )
 
 
 def guidance_settings(config: Config) -> GuidanceSettings:
@@ -263,14 +293,8 @@ def parse(text: str, file: str = "config") -> Config:
 
 def cross_checks(config: Config) -> Iterator[tuple[str, str]]:
     """Yield (path, what is wrong) for values that are right alone and wrong together."""
-    orbit, limits = config.orbit, config.limits
-    needed = orbit.speed_m_s / orbit.radius_m
-    if needed > limits.turn_rate_rad_s:
-        yield (
-            "orbit.radius_m",
-            f"flying {orbit.speed_m_s:g} m/s on {orbit.radius_m:g} m turns at {needed:.3f} rad/s, above "
-            f"limits.turn_rate_rad_s = {limits.turn_rate_rad_s:g}: raise the radius or the limit, or fly slower",
-        )
+    orbit = config.orbit
+    yield from _vehicle_checks(config)
     law = LAWS[config.law.name]
     unknown = set(config.law.options) - set(law.options)
     yield from (("law." + k, f"no option of {law.name}{_nearest(k, law.options)}") for k in sorted(unknown))
@@ -290,6 +314,32 @@ def cross_checks(config: Config) -> Iterator[tuple[str, str]]:
     yield from _ranging_checks(config.ranging)
     if config.ranging.sender and config.ranging.sender[1] == 1:
         yield "ranging.from", "component 1 is the autopilot: its own range finder and its echoes are never flown on"
+
+
+def _vehicle_checks(config: Config) -> Iterator[tuple[str, str]]:
+    orbit, limits, vehicle = config.orbit, config.limits, config.vehicle_class
+    needed, most = orbit.speed_m_s / orbit.radius_m, config.turn_rate_limit_rad_s
+    if needed > most:
+        limit = f"limits.turn_rate_rad_s = {limits.turn_rate_rad_s:g}"
+        if most < limits.turn_rate_rad_s:
+            limit = f"the {most:.3f} rad/s that " + (
+                f"limits.bank_deg = {limits.bank_deg:g} gives" if vehicle.banks else f"{vehicle.name} accelerates to"
+            )
+        yield (
+            "orbit.radius_m",
+            f"flying {orbit.speed_m_s:g} m/s on {orbit.radius_m:g} m turns at {needed:.3f} rad/s, above {limit}: "
+            "raise the radius or the limit, or fly slower",
+        )
+    if vehicle.wants_pitch and config.vehicle.pitch_deg is None:
+        yield (
+            "vehicle.pitch_deg",
+            f"{vehicle.name} measures no speed: give the pitch (nose up, so below 0) at which the vehicle flies "
+            f"orbit.speed_m_s = {orbit.speed_m_s:g} through still air",
+        )
+    if config.engage == "auto" and vehicle.take_off is None:
+        yield "engage", f"auto takes off, and {vehicle.name} does not: engage: pilot"
+    if config.on_range_lost == "land" and vehicle.words.land is None:
+        yield "on_range_lost", f"{vehicle.words.autopilot} has no landing mode: hold, return or stop"
 
 
 def _ranging_checks(ranging: Ranging) -> Iterator[tuple[str, str]]:

@@ -9,30 +9,34 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Callable
 from math import inf, nan
 from typing import NamedTuple
 
 from circumnav_mav.config import Config, guidance_settings
 from circumnav_mav.guidance.computer import Decision, GuidanceComputer, Status
 from circumnav_mav.guidance.kernel import Motion
-from circumnav_mav.guidance.phases import Phase
-from circumnav_mav.mavlink import px4_modes
+from circumnav_mav.guidance.phases import ENGAGED, Phase
 from circumnav_mav.mavlink.codec import Frame
 from circumnav_mav.mavlink.dialect import enums
 from circumnav_mav.mavlink.engage import AutoEngage, Step
 from circumnav_mav.mavlink.link import AutopilotLink
 from circumnav_mav.mavlink.offboard import Control
-from circumnav_mav.mavlink.setpoints import ENCODERS, SetpointLimits
 from circumnav_mav.mavlink.signing import Signer
+from circumnav_mav.mavlink.vehicles import VEHICLES
+from circumnav_mav.mavlink.vehicles.fitness import Fitness, Unfit
 from circumnav_mav.range_feed import RangeFeed
 from circumnav_mav.types import RangeSample, Rejected
 
 VEHICLE, RANGING = "vehicle", "ranging"
 """Names of the two links. Ranges come on the first unless ranging.endpoint opens the second."""
 
-HAND_OVER = {"hold": px4_modes.HOLD, "return": px4_modes.RETURN, "land": px4_modes.LAND, "stop": None}
-TEXT_SEVERITY = {Phase.RELEASED: 4, Phase.RANGE_LOST: 4}
-INFO = 6
+WARNING, INFO = 4, 6
+MOVING_M_S = 1.0
+TEXT_SEVERITY = {Phase.RELEASED: WARNING, Phase.RANGE_LOST: WARNING}
+"""MAV_SEVERITY of what a phase says; INFO for the others."""
+UNFIT_TOLD_AFTER_S = 4.0
+"""Streams take a moment to begin after they are asked for."""
 
 
 class TickRecord(NamedTuple):
@@ -72,39 +76,53 @@ class Flight:
     def __init__(self, config: Config, signer: Signer | None = None) -> None:
         self._config = config
         self.ranges = RangeFeed(config.ranging)
-        self.link = AutopilotLink(() if self.ranges.own_link else self.ranges.messages, signer=signer)
+        vehicle = config.vehicle_class
+        self._vehicle, self.words = vehicle, vehicle.words
+        subscribed = () if self.ranges.own_link else self.ranges.messages
+        self.link = AutopilotLink(subscribed, vehicle.messages_hz, vehicle.words, signer)
         self.computer = GuidanceComputer(guidance_settings(config))
-        limits = SetpointLimits(config.limits.turn_rate_rad_s, config.orbit.speed_m_s)
-        self._encoder = ENCODERS[config.vehicle.kind](limits, config.vehicle.lead_s)
-        self._auto = AutoEngage(self.link, config.orbit.height_m or nan) if config.engage == "auto" else None
+        self._encoder = vehicle.encoder(config.encoder_options())
+        self._fitness = Fitness(vehicle, VEHICLES.values())
+        self.unfit: Unfit | None = None
+        """Why the autopilot that is heard cannot be flown by this vehicle class."""
+        self._auto: AutoEngage | None = None
+        if config.engage == "auto" and vehicle.take_off is not None:
+            self._auto = AutoEngage(self.link, vehicle.take_off, config.orbit.height_m or nan)
         self.events: list[Event] = []
         self.rejected: Counter[str] = Counter()
         self.engaged_s = nan
         self.end_reason = ""
         self._newest_range_m = nan
         self._sent_rad_s = nan
-        self._sent_last = False
+        self._invited = False
         self._latch_commands = 0
         self._phase = self.computer.phase
         self._failures_told = 0
         self._signing_told = False
+        self._unfit_since_s = nan
+        self._unfit_told = ""
+        self._ticked_s = nan
+        self._stopped = False
+        self._frames: list[bytes] = []
 
     # -- bytes in ---------------------------------------------------------------------------------------------------
 
     def receive(self, data: bytes, now_s: float, link: str = VEHICLE, *, whole: bool = True) -> list[Frame]:
         """Take in what arrived on a link at `now_s`; return its frames, for the recorder."""
         if link == RANGING and self.ranges.own_link:
-            self.ranges.on_vehicle(self.link.autopilot.sysid, moving=self.link.autopilot.armed)
+            self.ranges.on_vehicle(self.link.autopilot.sysid, moving=self._moving())
             frames, results = self.ranges.on_bytes(data, now_s, whole=whole)
         else:
             frames, messages = self.link.receive(data, now_s, whole=whole)
-            self.ranges.on_vehicle(self.link.autopilot.sysid, moving=self.link.autopilot.armed)
+            self.ranges.on_vehicle(self.link.autopilot.sysid, moving=self._moving())
             results = [] if self.ranges.own_link else self.ranges.on_messages(messages, now_s)
         for result in results:
             self._on_range(result, now_s)
         return frames
 
     def _on_range(self, result: RangeSample | Rejected, now_s: float) -> None:
+        if self.was_away(now_s):
+            result = Rejected(now_s, "waited", "it waited in the link while the loop was held up: its age is unknown")
         if isinstance(result, RangeSample):
             self._newest_range_m = result.range_m
             rejected = self.computer.on_sample(result, self._motion(now_s), self._height_m(now_s))
@@ -113,37 +131,65 @@ class Flight:
             result = rejected
         self._count(result)
 
+    def _moving(self) -> bool:
+        """Whether a range that stands still must be a stuck one: only above a walking speed."""
+        return self.link.autopilot.speed_m_s > MOVING_M_S
+
     def _count(self, rejected: Rejected) -> None:
         self.rejected[str(rejected.reason)] += 1
 
     # -- the tick ---------------------------------------------------------------------------------------------------
 
+    def was_away(self, now_s: float) -> bool:
+        """Return whether the loop was held up for longer than half the loss timeout, or the process was stopped.
+
+        What arrived meanwhile waits in the links with no sign of its age, and the autopilot may fly on its own by now.
+        """
+        return self._stopped or now_s - self._ticked_s > self.link.authority.loss_timeout_s / 2
+
+    def stopped(self) -> None:
+        """The process was stopped and continues (SIGCONT): the next tick counts as one after a gap, however short."""
+        self._stopped = True
+
+    def resume(self, now_s: float, take_in: Callable[[], float]) -> tuple[float, list[bytes]]:
+        """Begin a tick: after a gap, `take_in` all that waits in the links, and believe no mode message older than now.
+
+        take_in returns the time when it is done. Return (the time to tick at, frames to send first). To be called
+        before every `tick`.
+        """
+        if not self.was_away(now_s):
+            return now_s, []
+        now_s = take_in()
+        self._stopped = False
+        self._say(now_s, "the loop was held up: no setpoint before a fresh mode message", WARNING)
+        return now_s, self.link.seal([self.link.after_gap(now_s)], now_s)
+
     def tick(self, now_s: float, lateness_s: float = 0.0, missed_ticks: int = 0) -> tuple[list[bytes], TickRecord]:
         """Decide and return (frames to send now, the record of this tick)."""
         link, authority = self.link, self.link.authority
+        self._ticked_s = now_s
         self._follow_operator(now_s)
+        self._judge(now_s)
         if self._auto is not None and link.autopilot.heard(now_s):
             self._auto.tick(now_s, ready=self.computer.phase is Phase.READY)
         decision = self.computer.tick(now_s, self._status(now_s))
-        frames = self._on_phase(now_s, decision)
+        self._on_phase(now_s, decision)
+        frames, self._frames = self._frames, []
         self._sent_rad_s = nan
         if decision.setpoint is not None and authority.may_stream(now_s):
-            name, fields = self._encoder.encode(decision.setpoint, self._height_m(now_s))
-            frames.append(link.setpoint(name, fields, now_s))
-            self._sent_rad_s = decision.setpoint.turn_rate_rad_s
+            encoded = self._encoder.encode(decision.setpoint, link.autopilot.state(now_s), now_s)
+            if encoded is not None:
+                frames.append(link.setpoint(*encoded, now_s))
+                self._sent_rad_s = decision.setpoint.turn_rate_rad_s
+        self._invite(now_s)
         frames += link.poll(now_s) + link.read_parameters(now_s)
         self._tell_failures(now_s)
         self._tell_signing(now_s)
-        return frames, self._record(now_s, decision, lateness_s, missed_ticks)
-
-    def after_gap(self, now_s: float) -> list[bytes]:
-        """The loop was away for longer than half the loss timeout: send nothing until a newer mode message."""
-        self._tell(now_s, "the loop was held up: waiting for a fresh mode message before any setpoint", 4)
-        return [self.link.after_gap(now_s)]
+        return link.seal(frames, now_s), self._record(now_s, decision, lateness_s, missed_ticks)
 
     def link_lost(self, link: str, now_s: float, words: str) -> None:
         """A link broke. On the vehicle's, nothing is sent or believed until a mode message newer than the break."""
-        self._tell(now_s, f"{link} link lost: {words}", 4)
+        self._tell(now_s, f"{link} link lost: {words}", WARNING)
         if link == VEHICLE:
             self.link.authority.gap(now_s)
 
@@ -153,11 +199,11 @@ class Flight:
         if link != VEHICLE:
             return []
         request = self.link.reconnected(now_s)
-        return [request] if self.link.autopilot.sysid is not None else []
+        return self.link.seal([request], now_s) if self.link.autopilot.sysid is not None else []
 
     def tell(self, now_s: float, text: str) -> None:
         """Let the operator read something that only the runtime knows."""
-        self._tell(now_s, text, 4)
+        self._tell(now_s, text, WARNING)
 
     def end(self, reason: str) -> None:
         """Ask for a polite end: hold, then silence."""
@@ -170,13 +216,17 @@ class Flight:
 
     @property
     def problem(self) -> str:
-        """What the engage sequence failed on; empty while all is well."""
+        """Why this flight cannot be: the wrong autopilot, or what engaging failed on; empty while all is well."""
+        if self.unfit is not None and self.unfit.final:
+            return self.unfit.text
         return self._auto.problem if self._auto else ""
 
     @property
     def waiting_for(self) -> str:
         """What a person at the terminal should know while nothing flies yet."""
         phase = self.computer.phase
+        if self.unfit is not None:
+            return self.unfit.text
         if phase is Phase.READY and self._auto is not None and self._auto.step is not Step.LEFT_TO_PILOT:
             return self._auto.step.value
         return ""
@@ -185,7 +235,7 @@ class Flight:
         authority = self.link.authority
         control = authority.control
         return Status(
-            heard=self.link.autopilot.heard(now_s),
+            heard=self.link.autopilot.heard(now_s) and self.unfit is None,
             held=control in (Control.HELD, Control.GIVING_BACK),
             released=control is Control.RELEASED,
             ending=bool(self.end_reason) and control is not Control.ASKED,
@@ -194,30 +244,59 @@ class Flight:
             height_m=self._height_m(now_s),
         )
 
+    def _judge(self, now_s: float) -> None:
+        """Look whether the autopilot is the one for this vehicle class; say when a pilot may engage."""
+        ap, before = self.link.autopilot, self.unfit
+        self.unfit = self._fitness.unfit(ap, now_s)
+        if self.unfit is not None:
+            self.link.ask_for(self._fitness.ask_again(ap, now_s))
+            if before is None or self.unfit.text != before.text:
+                self._unfit_since_s = now_s
+            if now_s - self._unfit_since_s > UNFIT_TOLD_AFTER_S and self.unfit.text != self._unfit_told:
+                self._unfit_told = self.unfit.text
+                self._say(now_s, self.unfit.text, WARNING)
+        left_to_pilot = self._auto is None or self._auto.step is Step.LEFT_TO_PILOT
+        if self.computer.phase is Phase.READY and left_to_pilot:
+            self.link.authority.ready(now_s)
+
+    def _invite(self, now_s: float) -> None:
+        """Say once, while ready, that the pilot's choice of the mode is what it now takes."""
+        streams = self._sent_rad_s == self._sent_rad_s
+        if self.computer.phase is Phase.READY and not self._invited and (streams or not self.words.stream_first):
+            self._invited = True
+            self._say(now_s, f"ready: {'streaming, ' if streams else ''}select {self.words.ours_name} to engage", INFO)
+
     def _follow_operator(self, now_s: float) -> None:
         authority = self.link.authority
         if self.end_reason and authority.control is Control.HELD:
-            authority.give_back(px4_modes.HOLD, now_s, self.end_reason)
+            authority.give_back(self.words.hold, now_s, self.end_reason)
         if self.link.latch_commands != self._latch_commands:
             self._latch_commands = self.link.latch_commands
             opened = authority.open_latch()
-            self._tell(now_s, "latch opened" if opened else "latch kept: no settled mode", INFO if opened else 4)
+            self._frames.append(self.link.answer_latch(opened))
+            self._say(now_s, "latch opened" if opened else "latch kept: no settled mode", INFO if opened else WARNING)
 
-    def _on_phase(self, now_s: float, decision: Decision) -> list[bytes]:
+    def _on_phase(self, now_s: float, decision: Decision) -> None:
         phase = decision.phase
         if phase is self._phase:
-            return []
-        self._phase = phase
+            return
+        before, self._phase = self._phase, phase
         if phase is Phase.ACQUIRING and not now_s >= self.engaged_s:
             self.engaged_s = now_s
+        if phase in ENGAGED and before not in ENGAGED:
+            for command in self._encoder.engaged(self.link.autopilot.state(now_s), self.computer.hold_height_m):
+                self.link.commands.add(command)
         if phase is Phase.RANGE_LOST:
             action = self._config.on_range_lost
-            self.link.authority.give_back(HAND_OVER[action], now_s, f"range lost: {action}")
-        severity = TEXT_SEVERITY.get(phase, INFO)
-        self._tell(now_s, f"{phase}: {decision.reason}", severity)
-        if self.link.autopilot.sysid is None:
-            return []
-        return [self.link.statustext(f"circumnav {phase}: {decision.reason}", severity)]
+            self.link.authority.give_back(self.words.hand_over(action), now_s, f"range lost: {action}")
+        self._invited = False
+        self._say(now_s, f"{phase}: {decision.reason}", TEXT_SEVERITY.get(phase, INFO))
+
+    def _say(self, now_s: float, text: str, severity: int) -> None:
+        """Tell the log, the terminal and the ground station."""
+        self._tell(now_s, text, severity)
+        if self.link.autopilot.sysid is not None:
+            self._frames += self.link.statustext(f"circumnav {text}", severity)
 
     def _tell(self, now_s: float, text: str, severity: int) -> None:
         self.events.append(Event(now_s, text, severity))
@@ -226,20 +305,26 @@ class Flight:
         failures = self.link.commands.failures
         for failure in failures[self._failures_told :]:
             if failure.command.command != enums.MAV_CMD_SET_MESSAGE_INTERVAL:  # an autopilot may lack a stream
-                self._tell(now_s, str(failure), 4)
+                self._tell(now_s, str(failure), WARNING)
         self._failures_told = len(failures)
 
     def _tell_signing(self, now_s: float) -> None:
         if self.link.signs_at_us and not self._signing_told:
             self._signing_told = True
-            self._tell(now_s, "the autopilot signs its messages: without vehicle.signing_key_file it obeys nothing", 4)
+            self._tell(
+                now_s, "the autopilot signs its messages: without vehicle.signing_key_file it obeys nothing", WARNING
+            )
 
     def _motion(self, now_s: float) -> Motion:
         ap = self.link.autopilot
         turn_rate = ap.turn_rate_rad_s(now_s)
         if turn_rate != turn_rate:  # NaN: not measured, so what was asked
             turn_rate = self._sent_rad_s
-        speed = ap.speed_m_s if now_s - ap.velocity_s <= 1.0 else nan
+        speed = nan  # believed: as configured
+        if self._vehicle.speed == "ground":
+            speed = ap.ground_speed_m_s(now_s)
+        elif self._vehicle.speed == "air":
+            speed = ap.true_airspeed_m_s(now_s)
         return Motion(V=speed, u=turn_rate, psi=ap.heading_rad(now_s))
 
     def _height_m(self, now_s: float) -> float:
@@ -252,7 +337,7 @@ class Flight:
             now_s,
             decision.phase,
             self.link.authority.control,
-            px4_modes.name(ap.custom_mode) if ap.custom_mode is not None else "",
+            self.words.name(ap.custom_mode) if ap.custom_mode is not None else "",
             estimate.r if estimate else nan,
             estimate.r_dot if estimate else nan,
             self._newest_range_m,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import hashlib
 import math
 import signal
 import sys
@@ -10,8 +11,10 @@ from collections.abc import Callable
 from pathlib import Path
 
 from sitl_stub import __version__
-from sitl_stub.config import AIRFRAMES, StubConfig
-from sitl_stub.server import Endpoint, PortBusy, Server, TruthLog
+from sitl_stub.config import AIRFRAMES, RANGE_MESSAGES, StubConfig
+from sitl_stub.devices import DEVICES
+from sitl_stub.faults import FAULTS
+from sitl_stub.server import Endpoint, PortBusy, Pty, Server, TruthLog
 from sitl_stub.stub import Stub
 
 EPILOG = """\
@@ -39,7 +42,8 @@ def main(argv: list[str] | None = None) -> int:
         return 2
     try:
         truth = TruthLog(Path(arguments.truth)) if arguments.truth else None
-        server = Server(stub, _endpoints(arguments), arguments.speed, truth)
+        pty = Pty() if arguments.device and not arguments.device_port else None
+        server = Server(stub, _endpoints(arguments), arguments.speed, truth, pty)
     except PortBusy as error:
         print(f"sitl_stub: {error}", file=sys.stderr)
         return 3
@@ -48,7 +52,9 @@ def main(argv: list[str] | None = None) -> int:
         return 3
     stopped = _stop_on_signals()
     places = ", ".join(f"{link} {server.port(link)} -> {e.peer_port}" for link, e in _endpoints(arguments).items())
-    print(f"sitl_stub {__version__} ready: {config.airframe}, system {config.system_id}, UDP {places}", flush=True)
+    device = f", {config.device} on {pty.name}" if pty is not None else ""
+    who = f"{config.airframe}, system {config.system_id}"
+    print(f"sitl_stub {__version__} ready: {who}, UDP {places}{device}", flush=True)
     try:
         server.run(arguments.duration, stopped)
     finally:
@@ -70,7 +76,20 @@ def _endpoints(a: argparse.Namespace) -> dict[str, Endpoint]:
     }
     if a.ranging_port:
         endpoints["ranging"] = Endpoint(0, a.ranging_port)
+    if a.device and a.device_port:
+        endpoints["device"] = Endpoint(0, a.device_port)
     return endpoints
+
+
+def _fault_lines(a: argparse.Namespace) -> tuple[str, ...]:
+    lines = list(a.fault)
+    if a.faults:
+        try:
+            text = Path(a.faults).read_text(encoding="utf-8")
+        except OSError as error:
+            raise ValueError(f"cannot read {a.faults}: {error.strerror}") from error
+        lines += [line for line in text.splitlines() if line.strip() and not line.lstrip().startswith("#")]
+    return tuple(lines)
 
 
 def _config(a: argparse.Namespace) -> StubConfig:
@@ -100,7 +119,30 @@ def _config(a: argparse.Namespace) -> StubConfig:
         range_dropouts_s=tuple(a.dropout),
         outlier_share=a.outliers,
         outlier_mean_m=a.outlier_mean,
+        range_max_m=a.max_range,
         range_link="ranging" if a.ranging_port else "offboard",
+        range_message=a.range_message,
+        range_sysid=a.range_from[0] if a.range_from else None,
+        range_compid=a.range_from[1] if a.range_from else 158,
+        range_sensor_id=a.sensor_id,
+        range_orientation=a.orientation,
+        range_beacon_id=a.beacon_id,
+        device=a.device,
+        compass_error_rad=math.radians(a.compass_error),
+        airspeed_scale=a.airspeed_scale,
+        gps=not a.no_gps,
+        mavlink_version=a.mavlink,
+        signing_key=hashlib.sha256(a.sign.encode()).digest() if a.sign else b"",
+        faults=_fault_lines(a),
+    )
+
+
+def _fault_help() -> str:
+    lines = [f"  {'FROM-TO' if lasts else 'AT'} {kind} {usage}" for kind, (lasts, _, usage, _) in FAULTS.items()]
+    width = max(map(len, lines)) + 2
+    meant = [meaning for _, _, _, meaning in FAULTS.values()]
+    return "\nfaults, times in flight seconds:\n" + "\n".join(
+        f"{line:<{width}}{meaning}" for line, meaning in zip(lines, meant, strict=True)
     )
 
 
@@ -108,7 +150,7 @@ def _parser() -> argparse.ArgumentParser:
     p = argparse.ArgumentParser(
         prog="python -m sitl_stub",
         description=__doc__,
-        epilog=EPILOG,
+        epilog=EPILOG + _fault_help(),
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add = p.add_argument
@@ -135,6 +177,21 @@ def _parser() -> argparse.ArgumentParser:
     add("--outliers", type=float, default=0.0, metavar="SHARE", help="share of ranges that are too long, 0..1")
     add("--outlier-mean", type=float, default=10.0, metavar="M", help="mean of the excess (10)")
     add("--dropout", type=_window, action="append", default=[], metavar="A:B", help="no ranges from A to B")
+    add("--max-range", type=_positive, default=650.0, metavar="M", help="the radio is silent beyond it (650)")
+    add("--range-message", choices=RANGE_MESSAGES, default="distance_sensor", help="what carries ranges")
+    add("--range-from", type=_ids, metavar="SYS,COMP", help="who sends ranges (the vehicle's system, component 158)")
+    add("--sensor-id", type=int, default=7, metavar="ID", help="of DISTANCE_SENSOR (7)")
+    add("--orientation", type=int, default=0, metavar="N", help="of DISTANCE_SENSOR (0)")
+    add("--beacon-id", type=int, default=1, metavar="ID", help="of RANGING_BEACON, LANDING_TARGET, devices (1)")
+    add("--device", choices=sorted(DEVICES), default="", help="send a device's own bytes instead of messages, on a")
+    add("--device-port", type=int, default=0, metavar="PORT", help="UDP port, or without it on a pseudo-terminal")
+    add("--compass-error", type=float, default=0.0, metavar="DEG", help="what the compass shows too much, clockwise")
+    add("--airspeed-scale", type=_positive, default=1.0, metavar="K", help="airspeed shown / true airspeed")
+    add("--no-gps", action="store_true", help="no position estimate")
+    add("--mavlink", type=int, choices=(1, 2), default=2, help="1: speak MAVLink 1 until the peer speaks 2")
+    add("--sign", metavar="PASSPHRASE", help="sign MAVLink 2 with the SHA-256 of this, and take only signed frames")
+    add("--fault", action="append", default=[], metavar="LINE", help="'FROM-TO KIND ...' or 'AT KIND ...', see below")
+    add("--faults", metavar="FILE", help="a file of such lines")
     add("--no-radio", action="store_true", help="no ranging radio on board")
     add("--offboard-port", type=int, default=14540, metavar="PORT", help="the companion's port (14540)")
     add("--offboard-listen", type=int, default=14580, metavar="PORT", help="the vehicle's port for it (14580)")
@@ -163,6 +220,14 @@ def _numbers(*counts: int) -> Callable[[str], tuple[float, ...]]:
         return values
 
     return parse
+
+
+def _ids(text: str) -> tuple[int, int]:
+    try:
+        system, component = (int(part) for part in text.split(","))
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is not SYSTEM,COMPONENT") from None
+    return system, component
 
 
 def _window(text: str) -> tuple[float, float]:

@@ -6,13 +6,16 @@ import math
 
 from sitl_stub.commander import Commander
 from sitl_stub.config import StubConfig
-from sitl_stub.kinematics import Multirotor
+from sitl_stub.fixed_wing import FixedWing
+from sitl_stub.fixed_wing_pilot import FixedWingPilot
+from sitl_stub.kinematics import Multirotor, wrap
 from sitl_stub.missions import Missions
 from sitl_stub.multirotor_pilot import MultirotorPilot
 from sitl_stub.offboard import RatesTarget, Setpoint, Trajectory
 from sitl_stub.params import Parameters
 
 UNIX_START_S = 1_767_225_600  # SYSTEM_TIME at boot: simulated flights all begin on 2026-01-01
+START_AIRSPEED_M_S = 12.0  # of an airplane that starts in the air
 MAV_TYPE_FIXED_WING, MAV_TYPE_QUADROTOR = 1, 2
 
 
@@ -22,30 +25,59 @@ class Autopilot:
     def __init__(self, config: StubConfig, dt_s: float) -> None:
         self.config = config
         self.params = Parameters(config.airframe == "fixed_wing", config.params)
-        self.mav_type = MAV_TYPE_QUADROTOR
+        self.fixed_wing = config.airframe == "fixed_wing"
+        self.mav_type = MAV_TYPE_FIXED_WING if self.fixed_wing else MAV_TYPE_QUADROTOR
         self.now_s = 0.0
         self.boot_ms = self.boot_us = 0
+        self._boot_s = self._clock_s = 0.0
         self.origin_n, self.origin_e = config.start_north_m, config.start_east_m
         self.home_n, self.home_e = self.origin_n, self.origin_e
         yaw = math.pi / 2 - config.start_heading_rad
-        self.vehicle = Multirotor(dt_s, self.origin_n, self.origin_e, config.start_height_m, yaw)
-        self.vehicle.hover_thrust = float(self.params["MPC_THR_HOVER"])
+        self.origin_h = config.local_z_error_m  # z reads this on the ground
+        place = (self.origin_n, self.origin_e, config.start_height_m, yaw)
         self.commander = Commander(self.params, config.ready_after_s)
+        self.commander.position_ok = config.gps
+        self.vehicle: Multirotor | FixedWing
+        self.pilot: MultirotorPilot | FixedWingPilot
+        if self.fixed_wing:
+            self.vehicle = FixedWing(dt_s, *place)
+            self.pilot = FixedWingPilot(self.vehicle, self.commander, self.params, config.airspeed_scale)
+        else:
+            self.vehicle = Multirotor(dt_s, *place)
+            self.vehicle.hover_thrust = float(self.params["MPC_THR_HOVER"])
+            drift = config.height_drift_m_s
+            self.pilot = MultirotorPilot(self.vehicle, self.commander, self.params, config.seed, drift)
+        self.pilot.local_h = self.origin_h
         self.missions = Missions()
         if config.start_height_m > 0.0:
             self.commander.start_flying(0.0)
-            self.vehicle.set_moving(config.start_speed_m_s, config.wind_north_m_s, config.wind_east_m_s)
-        self.pilot = MultirotorPilot(self.vehicle, self.commander, self.params, config.seed, config.height_drift_m_s)
-        self._wind_n, self._wind_e = config.wind_north_m_s, config.wind_east_m_s
+            speed = config.start_speed_m_s or (START_AIRSPEED_M_S if self.fixed_wing else 0.0)
+            self.vehicle.set_moving(speed, config.wind_north_m_s, config.wind_east_m_s)
+            self.pilot.begin_in_hold()
+        self.wind_n, self.wind_e = config.wind_north_m_s, config.wind_east_m_s
 
     def step(self, now_s: float, wind_n: float, wind_e: float) -> None:
         """Carry everything to now_s."""
         self.now_s = now_s
-        self.boot_us = round(now_s * 1e6)
+        self.boot_us = max(0, round((now_s - self._boot_s + self._clock_s) * 1e6))
         self.boot_ms = self.boot_us // 1000
-        self._wind_n, self._wind_e = wind_n, wind_e
+        self.wind_n, self.wind_e = wind_n, wind_e
         self.commander.update(now_s, self.vehicle.h <= 0.0)
+        if isinstance(self.pilot, MultirotorPilot):
+            self.pilot.yaw_error_rad = self.yaw_estimate() - self.vehicle.yaw
         self.pilot.step(now_s, wind_n, wind_e)
+
+    def boot(self, now_s: float) -> None:
+        """Begin again where it is: time from zero, disarmed in Hold, parameters as configured."""
+        self._boot_s = now_s
+        self._clock_s = 0.0
+        self.commander.boot(now_s + self.config.ready_after_s)
+        for name, value in self.config.params.items():
+            self.params.set(name, value)
+
+    def jump_clock(self, seconds: float) -> None:
+        """Let the autopilot's time jump; it never goes below zero."""
+        self._clock_s += seconds
 
     def take_setpoint(self, setpoint: Setpoint) -> None:
         """Fly this from now on (in OFFBOARD), and count it as stream."""
@@ -54,17 +86,20 @@ class Autopilot:
         self.commander.setpoint_received(self.now_s, needs_position)
 
     def yaw_estimate(self) -> float:
-        """Return the yaw that the autopilot believes [rad, clockwise from north]."""
-        return self.vehicle.yaw
+        """Return the yaw that the autopilot believes [rad, clockwise from north]: the compass may be wrong."""
+        c, yaw = self.config, self.vehicle.yaw
+        if c.compass_error_rad == 0.0 and c.compass_wobble_rad == 0.0:
+            return yaw
+        return wrap(yaw + c.compass_error_rad + c.compass_wobble_rad * math.sin(yaw))
 
     def airspeed(self) -> float:
         """Return the true airspeed [m/s]."""
         v = self.vehicle
-        return math.sqrt((v.vn - self._wind_n) ** 2 + (v.ve - self._wind_e) ** 2 + v.vu**2)
+        return math.sqrt((v.vn - self.wind_n) ** 2 + (v.ve - self.wind_e) ** 2 + v.vu**2)
 
     def airspeed_estimate(self) -> float:
-        """Return VFR_HUD.airspeed: a multirotor without a sensor reports 0."""
-        return 0.0
+        """Return VFR_HUD.airspeed; a multirotor has no sensor and reports 0."""
+        return self.vehicle.airspeed * self.config.airspeed_scale if isinstance(self.vehicle, FixedWing) else 0.0
 
     def flies_body_rates(self) -> bool:
         """Whether OFFBOARD flies body rates (base_mode then loses its STABILIZE bit)."""

@@ -14,6 +14,7 @@ from sitl_stub.params import Parameters
 ACCEPTED, TEMPORARILY_REJECTED, DENIED, UNSUPPORTED, FAILED = 0, 1, 2, 3, 4
 UNINIT, STANDBY, ACTIVE, CRITICAL, TERMINATED = 0, 3, 4, 5, 8  # HEARTBEAT.system_status
 CRITICAL_TEXT, INFO_TEXT = 2, 6  # STATUSTEXT.severity
+STICK_LOSS_MARGIN_S = 0.15  # measured: 0.66 s after the last MANUAL_CONTROL
 CHECK_PERIOD_S = 0.1  # arming checks run at 10 Hz
 CHECK_MARGIN_S = 0.05  # so that the loss shows COM_OF_LOSS_T + 0.05..0.15 s after the last setpoint (measured 1.12)
 LANDED_S, NEVER = 1.0, -math.inf
@@ -24,27 +25,30 @@ class Commander:
 
     def __init__(self, params: Parameters, ready_s: float) -> None:
         self.params = params
-        self.ready_s = ready_s
-        self.armed = False
-        self.intention = Mode.HOLD
-        self.mode = Mode.HOLD
-        self.failsafe = False
-        self.disarmed_by_failsafe = False
         self.position_ok = True
         self.has_mission = False
-        self.refuse_arming = False
+        self.refuse_arming = False  # faults
         self.refuse_offboard = False
         self.texts: list[tuple[int, str]] = []
+        self._next_check_s = 0.0
+        self._now_s = 0.0
+        self.boot(ready_s)
+
+    def boot(self, ready_s: float) -> None:
+        """Begin disarmed in Hold; arming is refused until ready_s."""
+        self.ready_s = ready_s
+        self.armed = False
+        self.intention = self.mode = Mode.HOLD
+        self.failsafe = False
+        self.disarmed_by_failsafe = False
         self.offboard_ok = False
         self.last_setpoint_s = NEVER
         self._needs_position = False
-        self._next_check_s = 0.0
         self.last_stick_s = NEVER
         self._stick_loss_s = NEVER
         self._stick_loss_overridden = False
-        self._now_s = 0.0
         self._armed_s = NEVER
-        self._landed_s = 0.0  # since when on the ground, inf in the air
+        self._landed_s = self._now_s  # since when on the ground, inf in the air
         self._flew = False
 
     # -- what comes in -------------------------------------------------------------------------------------------
@@ -117,9 +121,11 @@ class Commander:
         self._track_ground(now_s, on_ground)
         if now_s >= self._next_check_s:
             self._next_check_s += CHECK_PERIOD_S
-            self.offboard_ok = self._offboard_fresh(now_s)
+            self.offboard_ok = self._offboard_fresh(now_s) and not self.refuse_offboard
         elif not self.offboard_ok and 0.01 <= now_s - self.last_setpoint_s < CHECK_PERIOD_S:
-            self.offboard_ok = self._offboard_fresh(now_s)  # a stream that comes back is seen at once
+            self.offboard_ok = (
+                self._offboard_fresh(now_s) and not self.refuse_offboard
+            )  # a stream that comes back is seen at once
         mode = self._failsafe_mode(now_s) if self.armed else None
         if mode is None:
             if self.failsafe:
@@ -129,7 +135,9 @@ class Commander:
         elif self.armed:
             if not self.failsafe:
                 self.failsafe = True
-                self._say(CRITICAL_TEXT, "Failsafe activated\t")
+                waiting = mode is Mode.HOLD and self._stick_loss_s != NEVER and self.offboard_ok
+                hold_s = f": entering Hold for {self.params['COM_FAIL_ACT_T']:.0f} seconds" if waiting else ""
+                self._say(CRITICAL_TEXT, f"Failsafe activated{hold_s}\t")
             self.mode = mode
 
     @property
@@ -155,7 +163,7 @@ class Commander:
 
     def sticks_ok(self, now_s: float) -> bool:
         """Whether a joystick is there."""
-        return now_s - self.last_stick_s <= self.params["COM_RC_LOSS_T"]
+        return now_s - self.last_stick_s <= self.params["COM_RC_LOSS_T"] + STICK_LOSS_MARGIN_S
 
     def _can_fly(self, mode: Mode, now_s: float) -> bool:
         if mode is Mode.OFFBOARD:
@@ -176,7 +184,10 @@ class Commander:
                 self._disarm("Disarmed by failsafe\t")
                 self.disarmed_by_failsafe = True
                 return None
-            return OFFBOARD_LOSS_MODE.get(action, Mode.POSCTL)
+            lost = OFFBOARD_LOSS_MODE.get(action, Mode.POSCTL)
+            return Mode.LAND if lost in POSITION_MODES and not self.position_ok else lost
+        if self.intention in POSITION_MODES and not self.position_ok:
+            return Mode.LAND  # PX4's Descend: down, without knowing where
         return self._stick_loss_mode(now_s)
 
     def _stick_loss_mode(self, now_s: float) -> Mode | None:

@@ -6,7 +6,11 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from sitl_stub.devices import DEVICES
+from sitl_stub.faults import parse
+
 AIRFRAMES = ("multirotor", "fixed_wing")
+RANGE_MESSAGES = ("distance_sensor", "ranging_beacon", "landing_target")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -42,6 +46,12 @@ class StubConfig:
     gust_tau_s: float = 3.0  # correlation time of gusts
     height_drift_m_s: float = 0.04  # wander of the climb rate around the one commanded, standard deviation
 
+    compass_error_rad: float = 0.0  # the autopilot's yaw minus the true one (clockwise)
+    compass_wobble_rad: float = 0.0  # and a part that goes with the sine of the yaw (iron on board)
+    airspeed_scale: float = 1.0  # airspeed shown / true airspeed (fixed wing)
+    gps: bool = True  # without it there is no local position, and PX4 refuses what needs one
+    local_z_error_m: float = -0.46  # what LOCAL_POSITION_NED.z reads on the ground (PX4: -0.73 to 0.01 seen)
+
     radio: bool = True  # whether the vehicle carries the ranging radio
     range_sigma_m: float = 0.3
     range_bias_m: float = 0.0
@@ -56,6 +66,15 @@ class StubConfig:
     range_compid: int = 158
     range_sensor_id: int = 7
     range_orientation: int = 0
+    range_message: str = "distance_sensor"  # or "ranging_beacon", "landing_target"
+    range_beacon_id: int = 1  # of RANGING_BEACON and LANDING_TARGET, and of devices that know of one
+    range_step_m: float = 0.0  # quantisation besides that of the message
+    range_rate_sigma_m_s: float = 0.1  # noise of the range rate, for devices that measure one
+    device: str = ""  # instead of messages, the bytes of a device (sitl_stub.devices) on the link "device"
+
+    mavlink_version: int = 2  # 1: speak MAVLink 1 until the peer speaks 2
+    signing_key: bytes = b""  # 32 bytes: sign what is sent and take only what is signed
+    faults: tuple[str, ...] = ()  # a timeline, one line each: see sitl_stub.faults
 
     def __post_init__(self) -> None:
         faults = []
@@ -76,6 +95,19 @@ class StubConfig:
         for name in ("range_sigma_m", "range_latency_s", "gust_sigma_m_s", "height_drift_m_s", "outlier_mean_m"):
             if not 0.0 <= getattr(self, name) < math.inf:
                 faults.append(f"{name} {getattr(self, name)} is negative or not a number")
+        if self.range_message not in RANGE_MESSAGES:
+            faults.append(f"range_message {self.range_message!r} is none of {', '.join(RANGE_MESSAGES)}")
+        if self.mavlink_version not in (1, 2):
+            faults.append(f"mavlink_version {self.mavlink_version} is neither 1 nor 2")
+        if len(self.signing_key) not in (0, 32):
+            faults.append(f"signing_key has {len(self.signing_key)} bytes, not 32")
+        if self.device and self.device not in DEVICES:
+            faults.append(f"device {self.device!r} is none of {', '.join(DEVICES)}")
+        for line in self.faults:
+            try:
+                parse(line)
+            except ValueError as error:
+                faults.append(str(error))
         for window in self.range_dropouts_s:
             if not window[0] <= window[1]:
                 faults.append(f"dropout {window} ends before it begins")

@@ -5,14 +5,16 @@ from __future__ import annotations
 import math
 import random
 
-from sitl_stub.commander import Commander
+from sitl_stub.commander import INFO_TEXT, Commander
 from sitl_stub.kinematics import YAW_RATE_GAIN, Multirotor
 from sitl_stub.modes import Mode
 from sitl_stub.offboard import AttitudeTarget, RatesTarget, Setpoint, Trajectory
 from sitl_stub.params import Parameters
+from sitl_stub.world import HOME_AMSL_M
 
 SPOOL_UP_S = 1.9  # from the take-off command (or arming) to the first centimetre
-TAKEOFF_ACCEPT_M = 0.15
+TAKEOFF_RAMP_S = 1.2
+TAKEOFF_ACCEPT_M = 0.3
 STOPPED_M_S = 0.3
 # Without sticks: sink rate [m/s] and time constant of the drift [s] (PX4.md, 3.4).
 STICKLESS = {Mode.POSCTL: (0.63, 10.0), Mode.ALTCTL: (0.75, 10.0), Mode.STABILIZED: (0.4, 10.0)}
@@ -30,14 +32,16 @@ class MultirotorPilot:
         self.setpoint: Setpoint | None = None
         self._valid = False
         self.sticks = (0.0, 0.0, 0.0, 0.0)  # forward, right, up, clockwise; -1..1
-        self.local_n, self.local_e = vehicle.n, vehicle.e  # the local frame's origin
+        self.local_n, self.local_e, self.local_h = vehicle.n, vehicle.e, 0.0  # the local frame's origin
         self.home_n, self.home_e = vehicle.n, vehicle.e
         self.takeoff_height_m = math.nan
+        self.yaw_error_rad = 0.0  # the autopilot's yaw minus the true one: it turns to what its compass says
         self._mode = commander.mode
         self._entered_s = 0.0
         self._hold: tuple[float, float] | None = None
         self._hold_h = vehicle.h
         self._leg = ""  # of a return
+        self._told_default = True
         self._target_h = 0.0
         self._rates = (0.0, 0.0, 0.0)  # the last valid rate setpoint: PX4 flies it on through NaN
         self._random = random.Random(f"{seed}:drift")
@@ -46,6 +50,10 @@ class MultirotorPilot:
         self._drift_kick = drift_m_s * math.sqrt(1.0 - self._drift_keep**2)
         self._next_drift_s = 0.0
         self._air_since_s = 0.0
+
+    def begin_in_hold(self) -> None:
+        """Hold from where it starts in the air."""
+        self._enter(self._mode, 0.0)
 
     def take_setpoint(self, setpoint: Setpoint) -> None:
         """Fly this whenever the mode is OFFBOARD."""
@@ -79,11 +87,14 @@ class MultirotorPilot:
             v.step_velocity(vn, ve, vu, 0.0, wind_n, wind_e)
 
     def _enter(self, mode: Mode, now_s: float) -> None:
+        up = self._mode is Mode.TAKEOFF and mode is Mode.HOLD
         self._mode, self._entered_s = mode, now_s
-        self._hold, self._hold_h, self._leg = None, self.vehicle.h, ""
+        self._hold, self._hold_h, self._leg = None, self._target_h if up else self.vehicle.h, ""
         if mode is Mode.TAKEOFF:
             asked = self.takeoff_height_m
-            self._target_h = self.vehicle.h + self.params["MIS_TAKEOFF_ALT"] if math.isnan(asked) else asked
+            default = self.params["MIS_TAKEOFF_ALT"]
+            self._target_h = self.vehicle.h + default if math.isnan(asked) else asked
+            self._told_default = not math.isnan(asked)
             self.takeoff_height_m = math.nan
         elif mode is Mode.RTL:
             self._target_h = max(self.vehicle.h, float(self.params["RTL_RETURN_ALT"]))
@@ -104,18 +115,22 @@ class MultirotorPilot:
         return vn, ve, self._climb_to(self._hold_h)
 
     def _take_off(self, now_s: float) -> tuple[float, float, float]:
+        if not self._told_default:
+            self._told_default = True
+            default = self.params["MIS_TAKEOFF_ALT"]
+            self.commander.texts.append((INFO_TEXT, f"Using default takeoff altitude: {default:.1f} m\t"))
         if self.vehicle.h <= 0.0 and now_s - self._entered_s < SPOOL_UP_S:
             return 0.0, 0.0, 0.0
         if self.vehicle.h > self._target_h - TAKEOFF_ACCEPT_M:
             self.commander.mode_finished(Mode.HOLD)
         vn, ve = self._stay()
-        slow = self.vehicle.h < 0.5 * self._target_h or self._entered_on_ground
-        limit = float(self.params["MPC_TKO_SPEED"]) if slow else 2.0
+        ramp = 1.0
+        if self._hold_h <= 0.1:  # from the ground
+            ramp = min(1.0, (now_s - self._entered_s - SPOOL_UP_S) / TAKEOFF_RAMP_S)
+        # Measured: 1.2-1.4 m/s over the first metres, 2 m/s above ten.
+        high = min(max((self.vehicle.h - 5.0) / 5.0, 0.0), 1.0)
+        limit = max(0.2, ramp * (0.85 + 0.45 * high) * float(self.params["MPC_TKO_SPEED"]))
         return vn, ve, min(max(self._climb_to(self._target_h), 0.2), limit)
-
-    @property
-    def _entered_on_ground(self) -> bool:
-        return self._hold_h <= 0.1
 
     def _return(self) -> tuple[float, float, float]:
         v = self.vehicle
@@ -124,7 +139,7 @@ class MultirotorPilot:
         if self._leg == "":
             self._leg = "climb"
             self.commander.texts.append(
-                (6, f"RTL: start return at {v.h + 489.4:.0f} m ({self._target_h:.0f} m above destination)\t")
+                (INFO_TEXT, f"RTL: start return at {v.h + HOME_AMSL_M:.0f} m ({v.h:.0f} m above destination)\t")
             )
         if self._leg == "climb":
             if v.h >= self._target_h - 0.5:
@@ -205,7 +220,7 @@ class MultirotorPilot:
             vn += gain * (s.pn - (v.n - self.local_n))
             ve += gain * (s.pe - (v.e - self.local_e))
         if s.pd == s.pd:
-            vu += float(params["MPC_Z_P"]) * (-s.pd - v.h)
+            vu += float(params["MPC_Z_P"]) * (self.local_h - s.pd - v.h)
         else:
             vu += self._drift  # a velocity command only: heights wander (PX4.md, 4)
         if s.an == s.an:  # feed-forward shortens the lag; alone it has no velocity to lean on
@@ -221,7 +236,7 @@ class MultirotorPilot:
     def _yaw_rate(self, yaw: float, yaw_rate: float) -> float:
         if math.isfinite(yaw):
             feed_forward = yaw_rate if math.isfinite(yaw_rate) else 0.0
-            return self.vehicle.yaw_rate_to(yaw, feed_forward, float(self.params["MC_YAW_P"]))
+            return self.vehicle.yaw_rate_to(yaw - self.yaw_error_rad, feed_forward, float(self.params["MC_YAW_P"]))
         return YAW_RATE_GAIN * yaw_rate if math.isfinite(yaw_rate) else 0.0
 
     def _fly_attitude(self, s: AttitudeTarget, wind_n: float, wind_e: float) -> None:
@@ -235,7 +250,7 @@ class MultirotorPilot:
             v.step_attitude(0.0, 0.0, 0.0, thrust, wind_n, wind_e)
             return
         feed_forward = s.yaw_rate if math.isfinite(s.yaw_rate) else 0.0
-        yaw_rate = v.yaw_rate_to(s.yaw, feed_forward, float(self.params["MC_YAW_P"]))
+        yaw_rate = v.yaw_rate_to(s.yaw - self.yaw_error_rad, feed_forward, float(self.params["MC_YAW_P"]))
         v.step_attitude(s.roll, s.pitch, yaw_rate, thrust, wind_n, wind_e)
         self._rates = (v.roll_rate, v.pitch_rate, v.yaw_rate)
 

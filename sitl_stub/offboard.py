@@ -121,12 +121,15 @@ def local_ned(m: Any, yaw_rad: float) -> Trajectory | Refused:
     )
 
 
-def global_int(m: Any, north_m: float, east_m: float, home_amsl_m: float) -> Trajectory | Refused:
-    """Return what PX4 makes of a SET_POSITION_TARGET_GLOBAL_INT whose place is (north_m, east_m) in the local frame."""
+def global_int(m: Any, north_m: float, east_m: float, origin_h_m: float, home_amsl_m: float) -> Trajectory | Refused:
+    """Return what PX4 makes of a SET_POSITION_TARGET_GLOBAL_INT whose place is (north_m, east_m) in the local frame.
+
+    origin_h_m: the local frame's origin above the ground, where home is.
+    """
     mask = m.type_mask
     if m.coordinate_frame not in GLOBAL_FRAMES:
         return Refused(f"SET_POSITION_TARGET_GLOBAL_INT invalid coordinate frame {m.coordinate_frame}\t")
-    down = home_amsl_m - m.alt if m.coordinate_frame in (0, 5) else -m.alt
+    down = origin_h_m - (m.alt - home_amsl_m if m.coordinate_frame in (0, 5) else m.alt)
     return _checked(
         "SET_POSITION_TARGET_GLOBAL_INT",
         mask,

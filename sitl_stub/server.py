@@ -9,9 +9,12 @@ from __future__ import annotations
 
 import contextlib
 import math
+import os
 import selectors
 import socket
+import threading
 import time
+import tty
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -21,6 +24,7 @@ from sitl_stub.stub import Stub
 from sitl_stub.world import Truth
 
 CATCH_UP = 2.0
+SLICE_S = 0.02  # wall time that one round of the loop may make up for
 LONGEST_NAP_S = 0.05
 
 
@@ -33,6 +37,31 @@ class Endpoint:
     host: str = "127.0.0.1"
 
 
+class Pty:
+    """A pseudo-terminal that a device's bytes come out of; `name` is what an app opens as its serial port."""
+
+    def __init__(self) -> None:
+        self._ours, self._theirs = os.openpty()
+        tty.setraw(self._theirs)
+        os.set_blocking(self._ours, False)
+        self.name = os.ttyname(self._theirs)
+
+    def write(self, data: bytes) -> None:
+        """Write a report; with nobody reading, a full line loses it as a UART would."""
+        with contextlib.suppress(BlockingIOError):
+            os.write(self._ours, data)
+
+    def discard_input(self) -> None:
+        """Throw away what the app wrote to the device."""
+        with contextlib.suppress(BlockingIOError, OSError):
+            os.read(self._ours, 4096)
+
+    def close(self) -> None:
+        """Close both ends."""
+        os.close(self._ours)
+        os.close(self._theirs)
+
+
 class PortBusy(OSError):
     """A UDP port that something else holds."""
 
@@ -41,10 +70,17 @@ class Server:
     """Flies a Stub on the wall clock."""
 
     def __init__(
-        self, stub: Stub, endpoints: Mapping[str, Endpoint], speed: float = 1.0, truth: TruthLog | None = None
+        self,
+        stub: Stub,
+        endpoints: Mapping[str, Endpoint],
+        speed: float = 1.0,
+        truth: TruthLog | None = None,
+        pty: Pty | None = None,
     ) -> None:
-        self.stub, self.speed = stub, speed
+        """`endpoints`: UDP ports by link; `pty`: where the bytes of the link "device" go if it has no UDP port."""
+        self.stub, self.speed, self._pty = stub, speed, pty
         self._truth = truth
+        self.lock = threading.Lock()  # held while the stub changes; for truth() from another thread
         self._selector = selectors.SelectSelector()  # epoll would wake up to a millisecond late
         self._sockets: dict[str, socket.socket] = {}
         self._peers: dict[str, tuple[str, int] | None] = {}
@@ -69,14 +105,15 @@ class Server:
         while stub.now_s < end_s and not stop():
             wall_s = time.monotonic()
             owed_s += (wall_s - last_wall_s) * self.speed
-            pace_s = min(owed_s, CATCH_UP * self.speed * min(wall_s - last_wall_s, LONGEST_NAP_S))
+            pace_s = min(owed_s, CATCH_UP * self.speed * min(wall_s - last_wall_s, SLICE_S))
             last_wall_s, aim_s, owed_s = wall_s, aim_s + pace_s, owed_s - pace_s
             while stub.now_s + step_s <= aim_s and stub.now_s < end_s:
-                stub.advance(stub.now_s + step_s)
-                self._write()
-                if self._truth is not None:
-                    self._truth.note(stub)
-                self._read(0.0)
+                with self.lock:
+                    stub.advance(stub.now_s + step_s)
+                    self._write()
+                    if self._truth is not None:
+                        self._truth.note(stub)
+                    self._read(0.0)
             nap_s = (stub.now_s + step_s - aim_s) / self.speed if owed_s < step_s else step_s / self.speed / CATCH_UP
             self._read(max(nap_s, 0.0))
 
@@ -87,6 +124,8 @@ class Server:
                 self._selector.unregister(opened)
             opened.close()
         self._selector.close()
+        if self._pty is not None:
+            self._pty.close()
         if self._truth is not None:
             self._truth.close()
 
@@ -105,7 +144,8 @@ class Server:
         self._selector.register(opened, selectors.EVENT_READ, link)
 
     def _read(self, timeout_s: float) -> None:
-        for key, _ in self._selector.select(timeout_s):
+        ready = self._selector.select(timeout_s)
+        for key, _ in ready:
             opened, link = self._sockets[key.data], key.data
             with contextlib.suppress(BlockingIOError, ConnectionRefusedError):
                 while True:
@@ -114,6 +154,10 @@ class Server:
                     self.stub.receive(link, data)
 
     def _write(self) -> None:
+        if self._pty is not None:
+            for report in self.stub.take("device"):
+                self._pty.write(report)
+            self._pty.discard_input()
         for link, opened in self._sockets.items():
             datagrams = self.stub.take(link)
             peer = self._peers[link]

@@ -7,42 +7,47 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from sitl_stub import protocol, wire
+from sitl_stub import happenings, protocol, wire
 from sitl_stub.autopilot import Autopilot
+from sitl_stub.commands import MODE_LEAST_S
 from sitl_stub.config import StubConfig
+from sitl_stub.devices import DEVICES
+from sitl_stub.faults import Fault, Timeline
+from sitl_stub.foreign import ForeignVehicle
 from sitl_stub.link import Link
 from sitl_stub.modes import name_of
-from sitl_stub.sensors import Radio
-from sitl_stub.streams import BUILDERS, CURRENT_MODE, DISTANCE_SENSOR, GCS_HZ, ONBOARD_HZ, ZERO4
+from sitl_stub.sensors import DISTANCE_SENSOR, Radio, distance_fields
+from sitl_stub.signing import Signer
+from sitl_stub.streams import BUILDERS, CONDITIONS, CURRENT_MODE, FIXED_WING_HZ, GCS_HZ, HEARTBEAT, ONBOARD_HZ
 from sitl_stub.world import Truth, World
 
 AUTOPILOT = 1  # component id
-STATUSTEXT, HEARTBEAT = 253, 0
-TEXT_LENGTH = 50
+STATUSTEXT, TEXT_LENGTH = 253, 50
 QUIET_UNTIL_HEARD = frozenset({"gcs"})  # links that carry HEARTBEAT only until somebody speaks there
 NOT_FORWARDED = frozenset({DISTANCE_SENSOR, 82, 84, 86, 111})
+RADIO_HEARTBEAT = (18, 8, 0, 0, 4, 3)  # an onboard controller that is no autopilot
+REBOOT_S = 2.0
 
 
 class Stub:
     """A PX4 vehicle with a ranging radio.
 
-    Links: "offboard" (PX4's 14540 / 14580), "gcs" (14550 / 18570) and, if the radio has an endpoint of its own,
-    "ranging". Feed what peers sent with `receive`, carry time with `advance`, and fetch what the vehicle sent with
-    `take`. Equal configs and equal calls give equal bytes.
+    Links: "offboard" (PX4's 14540 / 14580), "gcs" (14550 / 18570), "ranging" if the radio has an endpoint of its own,
+    "device" if it is a device with bytes of its own. Feed what peers sent with `receive`, carry time with `advance`,
+    and fetch what the vehicle sent with `take`. Equal configs and equal calls give equal bytes.
     """
 
     def __init__(self, config: StubConfig | None = None) -> None:
-        self.config = config or StubConfig()
+        self.config = c = config or StubConfig()
         self.now_s = 0.0
         self._steps = 0
-        self.world = World(self.config, self.config.step_s)
-        self.autopilot = Autopilot(self.config, self.config.step_s)
-        self.radio = Radio(self.config) if self.config.radio else None
-        seed = self.config.seed
-        self.links = {"offboard": Link("offboard", ONBOARD_HZ, seed), "gcs": Link("gcs", GCS_HZ, seed)}
-        if self.config.range_link == "ranging":
-            self.links["ranging"] = Link("ranging", {}, seed)
+        self.world = World(c, c.step_s)
+        self.autopilot = Autopilot(c, c.step_s)
+        self.radio = Radio(c) if c.radio else None
+        self.links = self._make_links()
         self._vehicle_links = [self.links["offboard"], self.links["gcs"]]
+        self._device = DEVICES[c.device](c.range_beacon_id) if c.device else None
+        self._device_bytes: list[bytes] = []
         self._later: list[tuple[float, int, Link, int, bytes]] = []
         self._later_count = 0
         self._distances: dict[str, tuple[int, tuple[Any, ...]]] = {}  # sender -> (uORB instance, echoed fields)
@@ -50,14 +55,22 @@ class Stub:
         self._shown_mode = (0, 0)
         self._next_radio_heartbeat_s = 0.0
         self._text_id = 0
+        self._timeline = Timeline(c.faults)
+        happenings.check(self, self._timeline.faults)
+        self.foreigners: dict[Fault, ForeignVehicle] = {}
+        self.deaf = False  # setpoints are ignored
+        self._down_until_s = -math.inf  # while the autopilot boots
 
     # -- the interface -------------------------------------------------------------------------------------------
 
     def receive(self, link: str, data: bytes) -> None:
         """Take bytes that a peer sent on a link; they act at the present simulated time."""
+        if link == "device":
+            return  # devices are not listened to
         where = self.links[link]
         for raw in where.splitter.feed(data):
-            self._take_frame(where, raw)
+            for arrived in where.accept(raw):
+                self._take_frame(where, arrived)
 
     def advance(self, now_s: float) -> None:
         """Fly up to now_s [s since boot] in steps of config.step_s."""
@@ -69,6 +82,9 @@ class Stub:
 
     def take(self, link: str) -> list[bytes]:
         """Return the datagrams that the vehicle has sent on a link since the last call."""
+        if link == "device":
+            reports, self._device_bytes = self._device_bytes, []
+            return reports
         return self.links[link].take()
 
     def truth(self) -> Truth:
@@ -91,7 +107,7 @@ class Stub:
             beacon_east_m=beacon_e,
             beacon_north_m=beacon_n,
             beacon_height_m=beacon_h,
-            range_m=self.world.range_from(t_s, v.n, v.e, v.h),
+            range_m=self.world.range_and_rate(t_s, v)[0],
             horizontal_range_m=math.hypot(beacon_n - v.n, beacon_e - v.e),
             wind_east_m_s=self.world.wind_e,
             wind_north_m_s=self.world.wind_n,
@@ -100,7 +116,7 @@ class Stub:
             failsafe=commander.failsafe,
         )
 
-    # -- sending (for the protocol handlers) -----------------------------------------------------------------------
+    # -- for the protocol handlers and the faults ------------------------------------------------------------------
 
     def send(self, link: Link, msgid: int, values: Sequence[Any]) -> None:
         """Queue a message of the autopilot on one link."""
@@ -123,7 +139,9 @@ class Stub:
 
     def default_rates(self, link: Link) -> dict[int, float]:
         """Return the rates that a link boots with [Hz]."""
-        return ONBOARD_HZ if link.name == "offboard" else GCS_HZ
+        if link.name != "offboard":
+            return GCS_HZ if link.name == "gcs" else {}
+        return ONBOARD_HZ | FIXED_WING_HZ if self.autopilot.fixed_wing else ONBOARD_HZ
 
     def hear_distance(self, sender: str, fields: tuple[Any, ...]) -> None:
         """Publish a peer's DISTANCE_SENSOR inside the autopilot: one instance a sender, sent back on every link."""
@@ -132,14 +150,40 @@ class Stub:
         for fresh in self._fresh.values():
             fresh.add(sender)
 
+    def reboot(self) -> None:
+        """Boot the autopilot: silent and deaf for REBOOT_S, then disarmed, with default streams and time from zero."""
+        self._down_until_s = self.now_s + REBOOT_S
+        self.autopilot.boot(self._down_until_s)
+        self._later.clear()
+        self._distances.clear()
+        for link in self._vehicle_links:
+            link.seen.clear()
+            link.boot(self.default_rates(link), self._down_until_s)
+
     # -- the works -------------------------------------------------------------------------------------------------
 
+    def _make_links(self) -> dict[str, Link]:
+        c = self.config
+        names = ["offboard", "gcs"] + (["ranging"] if c.range_link == "ranging" else [])
+        links = {}
+        for number, name in enumerate(names):
+            links[name] = link = Link(name, {}, c.seed)
+            link.boot(self.default_rates(link))
+            link.v1 = c.mavlink_version == 1
+            link.signer = Signer(c.signing_key, number) if c.signing_key else None
+        return links
+
     def _take_frame(self, link: Link, raw: bytes) -> None:
-        msgid = wire.msgid_of(raw)
-        sysid, compid = (raw[5], raw[6]) if raw[0] == wire.V2_MAGIC else (raw[3], raw[4])
-        link.heard(sysid, compid, self.now_s)
+        if self.now_s < self._down_until_s or (link.signer is not None and not link.signer.accepts(raw)):
+            return
+        if raw[0] == wire.V2_MAGIC:
+            link.v1 = False  # as PX4: the peer's version is good enough for us
+            link.heard(raw[5], raw[6], self.now_s)
+        else:
+            link.heard(raw[3], raw[4], self.now_s)
         if link.name == "ranging":
             return
+        msgid = wire.msgid_of(raw)
         if msgid in protocol.HANDLERS:
             protocol.handle(self, link, wire.decode(raw))
         if msgid not in NOT_FORWARDED:
@@ -155,30 +199,40 @@ class Stub:
 
     def _step(self, t_s: float) -> None:
         self.now_s = t_s
+        for fault, begins in self._timeline.until(t_s):
+            happenings.happen(self, fault, begins)
         world, autopilot = self.world, self.autopilot
         world.step()
         autopilot.step(t_s, world.wind_n, world.wind_e)
-        if self.radio is not None:
+        if self.radio is not None and (t_s >= self.radio.due_s or t_s >= self._next_radio_heartbeat_s):
             self._range(self.radio, t_s)
+        for link in self._vehicle_links:
+            for raw in link.late(t_s):
+                self._take_frame(link, raw)
+        for foreigner in self.foreigners.values():
+            foreigner.step(t_s, self.links["offboard"])
+        if t_s < self._down_until_s:
+            return
         while self._later and self._later[0][0] <= t_s + 1e-9:
             _, _, link, msgid, payload = heapq.heappop(self._later)
             link.send(msgid, payload, self.config.system_id, AUTOPILOT)
         if autopilot.commander.texts:
             self._send_texts()
         for link in self._vehicle_links:
-            self._stream(link, t_s)
-        shown = (int(autopilot.commander.mode), int(autopilot.commander.intention))
+            if link.next_due_s <= t_s:
+                self._stream(link, t_s)
+        shown = (autopilot.commander.mode, autopilot.commander.intention)
         if shown != self._shown_mode:
             self._show_mode(shown)
 
     def _stream(self, link: Link, t_s: float) -> None:
-        ready = link.due(t_s)
-        if not ready:
-            return
         autopilot, sysid = self.autopilot, self.config.system_id
         quiet = link.name in QUIET_UNTIL_HEARD and not link.seen
-        for msgid in ready:
+        link.unix_us = autopilot.unix_us()
+        for msgid in link.due(t_s):
             if quiet and msgid != HEARTBEAT:
+                continue
+            if msgid in CONDITIONS and not CONDITIONS[msgid](autopilot):
                 continue
             link.send(msgid, wire.pack(msgid, BUILDERS[msgid](autopilot)), sysid, AUTOPILOT)
             if msgid == DISTANCE_SENSOR and self._distances:
@@ -186,32 +240,29 @@ class Stub:
 
     def _echo(self, link: Link) -> None:
         fresh = self._fresh[link.name]
-        for sender in sorted(fresh):
+        for sender in sorted(fresh & self._distances.keys()):
             instance, f = self._distances[sender]
             self.send(link, DISTANCE_SENSOR, (self.autopilot.boot_ms, *f[:4], instance, *f[4:]))
         fresh.clear()
 
     def _range(self, radio: Radio, t_s: float) -> None:
-        c, v = self.config, self.autopilot.vehicle
+        c = self.config
         sysid = c.system_id if c.range_sysid is None else c.range_sysid
         link = self.links[c.range_link]
-        for taken_s, range_m in radio.step(t_s, lambda: self.world.range_from(t_s, v.n, v.e, v.h)):
-            cm = min(65535, round(range_m * 100.0))
-            variance = round((c.range_sigma_m * 100.0) ** 2)
-            limits = (10, min(65535, round(c.range_max_m * 100.0)))
-            fields = (
-                round(taken_s * 1000.0), *limits, cm, 0, c.range_sensor_id, c.range_orientation,
-                variance if 0 < variance < 255 else 255, 0.0, 0.0, ZERO4, 0,
-            )  # fmt: skip
-            payload = wire.pack(DISTANCE_SENSOR, fields)
-            link.send(DISTANCE_SENSOR, payload, sysid, c.range_compid)
-            if link.name == "offboard":
-                spec = wire.spec(DISTANCE_SENSOR)
-                assert spec is not None
-                self.hear_distance("radio", protocol.echoed_distance(spec.tuple_type._make(fields)))
+        for measurement in radio.step(t_s, lambda: self.world.range_and_rate(t_s, self.autopilot.vehicle)):
+            if self._device is not None:
+                self._device_bytes.append(
+                    self._device.encode(measurement.range_m, measurement.rate_m_s, measurement.t_s)
+                )
+                continue
+            msgid, fields = radio.message(measurement)
+            link.send(msgid, wire.pack(msgid, fields), sysid, c.range_compid)
+            if link.name == "offboard" and msgid == DISTANCE_SENSOR and t_s >= self._down_until_s:
+                self.hear_distance("radio", protocol.echoed_distance(distance_fields(fields)))
         if t_s >= self._next_radio_heartbeat_s:
             self._next_radio_heartbeat_s += 1.0
-            link.send(HEARTBEAT, wire.pack(HEARTBEAT, (18, 8, 0, 0, 4, 3)), sysid, c.range_compid)
+            if self._device is None:
+                link.send(HEARTBEAT, wire.pack(HEARTBEAT, RADIO_HEARTBEAT), sysid, c.range_compid)
 
     def _send_texts(self) -> None:
         texts, self.autopilot.commander.texts = self.autopilot.commander.texts, []
@@ -227,7 +278,7 @@ class Stub:
     def _show_mode(self, shown: tuple[int, int]) -> None:
         self._shown_mode = shown
         for link in self._vehicle_links:
-            if link.intervals_s.get(CURRENT_MODE, math.inf) <= protocol.CURRENT_MODE_LEAST_S:
+            if link.intervals_s.get(CURRENT_MODE, math.inf) <= MODE_LEAST_S:
                 self.send(link, CURRENT_MODE, BUILDERS[CURRENT_MODE](self.autopilot))
 
 

@@ -137,11 +137,11 @@ def pack(msgid: int, values: Sequence[Any]) -> bytes:
     return found.pack(values)
 
 
-def frame(msgid: int, payload: bytes, seq: int, sysid: int, compid: int) -> bytes:
-    """Return an unsigned MAVLink 2 frame."""
+def frame(msgid: int, payload: bytes, seq: int, sysid: int, compid: int, flags: int = 0) -> bytes:
+    """Return a MAVLink 2 frame; with `flags` SIGNED its signature is still to be added."""
     found = spec(msgid)
     assert found is not None
-    head = _HEAD_V2(V2_MAGIC, len(payload), 0, 0, seq, sysid, compid, msgid & 0xFFFF, msgid >> 16) + payload
+    head = _HEAD_V2(V2_MAGIC, len(payload), flags, 0, seq, sysid, compid, msgid & 0xFFFF, msgid >> 16) + payload
     crc: int = mcrf4xx(head[1:] + _BYTE[found.crc_extra])
     return head + crc.to_bytes(2, "little")
 
@@ -193,10 +193,7 @@ class Splitter:
                 continue
             if end - at < 8:
                 break
-            if magic == V2_MAGIC:
-                size = 12 + buffer[at + 1] + (SIGNATURE_LENGTH if buffer[at + 2] & SIGNED else 0)
-            else:
-                size = 8 + buffer[at + 1]
+            size = frame_length(buffer, at)
             if end - at < size:
                 break
             raw = buffer[at : at + size]
@@ -207,6 +204,13 @@ class Splitter:
                 self.bad += 1
                 at = _next_magic(buffer, at + 1)
         self._rest = buffer[at:]
+
+
+def frame_length(buffer: bytes, at: int = 0) -> int:
+    """Return the length of the frame that begins at `at`, 0 if none begins there."""
+    if buffer[at] == V2_MAGIC:
+        return 12 + buffer[at + 1] + (SIGNATURE_LENGTH if buffer[at + 2] & SIGNED else 0)
+    return 8 + buffer[at + 1] if buffer[at] == V1_MAGIC else 0
 
 
 def _next_magic(buffer: bytes, at: int) -> int:
@@ -226,6 +230,11 @@ def checked(raw: bytes) -> bool:
         return False
     end = (10 if raw[0] == V2_MAGIC else 6) + raw[1]
     return bool(mcrf4xx(raw[1:end] + _BYTE[found.crc_extra]) == raw[end] | raw[end + 1] << 8)
+
+
+def whole(raw: bytes) -> bool:
+    """Say whether these bytes are exactly one frame with the right checksum."""
+    return len(raw) >= 8 and frame_length(raw) == len(raw) and checked(raw)
 
 
 def decode(raw: bytes) -> Message:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import random
 from dataclasses import dataclass
+from typing import Protocol
 
 from sitl_stub.config import StubConfig
 
@@ -47,6 +48,17 @@ class Truth:
     failsafe: bool
 
 
+class Mover(Protocol):
+    """Something with a place and a velocity: north, east, up [m, m/s]."""
+
+    n: float
+    e: float
+    h: float
+    vn: float
+    ve: float
+    vu: float
+
+
 class World:
     """Beacon and wind as functions of time; gusts are stepped with the flight."""
 
@@ -56,7 +68,9 @@ class World:
         self._gust_keep = math.exp(-dt_s / config.gust_tau_s)
         self._gust_kick = config.gust_sigma_m_s * math.sqrt(1.0 - self._gust_keep**2)
         self._gust_n = self._gust_e = 0.0
-        self.wind_n, self.wind_e = config.wind_north_m_s, config.wind_east_m_s
+        self._steady_n, self._steady_e = config.wind_north_m_s, config.wind_east_m_s
+        self.wind_n, self.wind_e = self._steady_n, self._steady_e
+        self._beacon_n, self._beacon_e, self._beacon_s = config.beacon_north_m, config.beacon_east_m, 0.0
 
     def step(self) -> None:
         """Carry the gusts (a first-order process in each axis) over one step."""
@@ -64,22 +78,32 @@ class World:
             gauss = self._random.gauss
             self._gust_n = self._gust_n * self._gust_keep + self._gust_kick * gauss(0.0, 1.0)
             self._gust_e = self._gust_e * self._gust_keep + self._gust_kick * gauss(0.0, 1.0)
-            self.wind_n = self._config.wind_north_m_s + self._gust_n
-            self.wind_e = self._config.wind_east_m_s + self._gust_e
+            self.wind_n = self._steady_n + self._gust_n
+            self.wind_e = self._steady_e + self._gust_e
+
+    def set_wind(self, east_m_s: float, north_m_s: float) -> None:
+        """Change the steady wind; gusts go on around it."""
+        self._steady_n, self._steady_e = north_m_s, east_m_s
+        self.wind_n, self.wind_e = north_m_s + self._gust_n, east_m_s + self._gust_e
+
+    def put_beacon(self, east_m: float, north_m: float, t_s: float) -> None:
+        """Put the beacon somewhere else; it moves on from there."""
+        self._beacon_n, self._beacon_e, self._beacon_s = north_m, east_m, t_s
 
     def beacon(self, t_s: float) -> tuple[float, float, float]:
         """Return the beacon's north, east, height [m]."""
-        c = self._config
-        return (
-            c.beacon_north_m + c.beacon_north_m_s * t_s,
-            c.beacon_east_m + c.beacon_east_m_s * t_s,
-            c.beacon_height_m,
-        )
+        c, moved_s = self._config, t_s - self._beacon_s
+        north, east = self._beacon_n + c.beacon_north_m_s * moved_s, self._beacon_e + c.beacon_east_m_s * moved_s
+        return north, east, c.beacon_height_m
 
-    def range_from(self, t_s: float, north_m: float, east_m: float, height_m: float) -> float:
-        """Return the slant range [m] to the beacon."""
+    def range_and_rate(self, t_s: float, v: Mover) -> tuple[float, float]:
+        """Return slant range [m] and its rate [m/s, + opening] for a vehicle that moves."""
         n, e, h = self.beacon(t_s)
-        return math.sqrt((n - north_m) ** 2 + (e - east_m) ** 2 + (h - height_m) ** 2)
+        c = self._config
+        dn, de, dh = v.n - n, v.e - e, v.h - h
+        distance = math.sqrt(dn * dn + de * de + dh * dh)
+        along = dn * (v.vn - c.beacon_north_m_s) + de * (v.ve - c.beacon_east_m_s) + dh * v.vu
+        return distance, along / distance if distance > 0.0 else 0.0
 
 
 def lat_lon_deg(north_m: float, east_m: float) -> tuple[float, float]:

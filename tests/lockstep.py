@@ -7,7 +7,7 @@ link.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -90,12 +90,34 @@ class Log:
         return [t for t in self.ticks if t.t_s >= from_s and t.turn_rate_sent_rad_s == t.turn_rate_sent_rad_s]
 
 
+class Wire:
+    """One direction of a link. This one is perfect; tests/trust has bad ones."""
+
+    def __init__(self) -> None:
+        self._queue: list[bytes] = []
+
+    def put(self, data: bytes, now_s: float) -> None:
+        """Take a datagram in."""
+        self._queue.append(data)
+
+    def due(self, now_s: float) -> list[bytes]:
+        """Return what arrives by `now_s`, in the order of arrival."""
+        queue, self._queue = self._queue, []
+        return queue
+
+
+@dataclass(slots=True)
+class Wires:
+    """Both directions between app and vehicle."""
+
+    to_app: Wire
+    to_vehicle: Wire
+
+
 class Rig:
     """App and vehicle. `setpoints` holds every setpoint frame that reached the vehicle: (time, frame)."""
 
-    def __init__(
-        self, config: Config, stub_config: StubConfig, wire: Callable[[bytes, str], Iterator[bytes]] | None = None
-    ):
+    def __init__(self, config: Config, stub_config: StubConfig, wires: Wires | None = None) -> None:
         self.config = config
         self.stub = Stub(stub_config)
         self.flight = Flight(config)
@@ -105,19 +127,30 @@ class Rig:
         self.log = Log(config.orbit.radius_m)
         self.app_frames: list[tuple[float, bytes]] = []
         self.frozen = False
+        self.deaf = False  # nothing that the vehicle sends arrives
+        self._wires = wires or Wires(Wire(), Wire())
+        self._vehicle_zero_s = 0.0
+        self._waiting: list[bytes] = []  # in the app's sockets
         self._n = 0
 
     def step(self) -> TickRecord | None:
         """One tick of the grid; with the app frozen the vehicle flies alone and its bytes wait."""
         self._n += 1
         self.now_s = self._n * self.tick_s
-        self.stub.advance(self.now_s)
-        if self.frozen:
-            return None
+        self.stub.advance(max(0.0, self.now_s - self._vehicle_zero_s))
         for data in self.stub.take(OFFBOARD_LINK):
+            if not self.deaf:
+                self._wires.to_app.put(data, self.now_s)
+        self._waiting += self._wires.to_app.due(self.now_s)
+        if self.frozen:
+            self._arrive()
+            return None
+        waiting, self._waiting = self._waiting, []
+        for data in waiting:
             self.flight.receive(data, self.now_s)
+        _, first = self.flight.resume(self.now_s, lambda: self.now_s)
         frames, record = self.flight.tick(self.now_s)
-        self.send(frames)
+        self.send(first + frames)
         self.log.ticks.append(record)
         self.log.truth.append(self.stub.truth())
         return record
@@ -125,7 +158,29 @@ class Rig:
     def send(self, frames: list[bytes]) -> None:
         for frame in frames:
             self.app_frames.append((self.now_s, frame))
+            self._wires.to_vehicle.put(frame, self.now_s)
+        self._arrive()
+
+    def _arrive(self) -> None:
+        for frame in self._wires.to_vehicle.due(self.now_s):
             self.stub.receive(OFFBOARD_LINK, frame)
+
+    def freeze(self, for_s: float) -> None:
+        """Hold the app up for so long; the vehicle flies on."""
+        self.frozen = True
+        self.run(for_s)
+        self.frozen = False
+
+    def restart_app(self) -> None:
+        """A new process takes the place of the app: nothing is remembered."""
+        self.flight = Flight(self.config)
+        self._waiting = []
+
+    def reboot_vehicle(self, stub_config: StubConfig, silent_s: float = 0.0) -> None:
+        """The autopilot starts again after a silence, its clock at zero; where and how is for the caller to say."""
+        self._vehicle_zero_s = self.now_s + silent_s
+        self.stub = Stub(stub_config)
+        self.pilot = Peer(self.stub)
 
     def run(self, for_s: float, *, until: Callable[[], bool] | None = None) -> Log:
         """Fly for so long, or until something holds."""

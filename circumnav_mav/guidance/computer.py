@@ -94,7 +94,8 @@ class GuidanceComputer:
         self._fresh_s = -1e9  # when the newest used range was true
         self._inside_since_s = nan
         self._outside_since_s = nan
-        self._hold_height_m = nan
+        self.hold_height_m = nan
+        """Above home; as configured, or as it was when control began."""
 
     def on_sample(self, sample: RangeSample, motion: Motion, height_m: float) -> Rejected | None:
         """Use a range; return why not where it is not used."""
@@ -160,7 +161,7 @@ class GuidanceComputer:
         if self.phase in ENGAGED and before not in ENGAGED:
             self._limiter.reset()
             wanted = self._settings.height_m
-            self._hold_height_m = status.height_m if isnan(wanted) else wanted
+            self.hold_height_m = status.height_m if isnan(wanted) else wanted
 
     def _watch_band(self, now_s: float, estimate: Estimate | None) -> None:
         error = nan if estimate is None else abs(estimate.r - self._settings.context.r_a)
@@ -170,8 +171,8 @@ class GuidanceComputer:
     def _setpoint(
         self, now_s: float, status: Status, estimate: Estimate | None
     ) -> tuple[TurnRateSetpoint | None, float, bool]:
-        stay = TurnRateSetpoint(now_s, 0.0, 0.0, self._hold_height_m)
-        if self.phase in (Phase.READY, Phase.RANGE_LOST):
+        stay = TurnRateSetpoint(now_s, 0.0, 0.0, self.hold_height_m)
+        if self.phase is Phase.READY or (self.phase is Phase.RANGE_LOST and status.held):
             return stay, nan, False
         if self.phase not in ENGAGED:
             return None, nan, False
@@ -182,7 +183,7 @@ class GuidanceComputer:
         wanted = self._turn_rate(estimate)
         limited = self._limiter.limit(now_s, wanted)
         speed = self._settings.context.V
-        setpoint = TurnRateSetpoint(now_s, limited.turn_rate_rad_s, speed, self._hold_height_m)
+        setpoint = TurnRateSetpoint(now_s, limited.turn_rate_rad_s, speed, self.hold_height_m)
         return setpoint, wanted, limited.saturated
 
     def _turn_rate(self, estimate: Estimate) -> float:

@@ -39,6 +39,20 @@ def onward(place: Place, t_s: float, motion: Motion) -> Place:
     return Place(t_s, place.x + chord * cos(course), place.y + chord * sin(course), place.heading + turn, north)
 
 
+def between(a: Place, b: Place, motion: Motion) -> Moved:
+    """Return the motion from one place to another, with the speed and turn rate of `motion` at the second."""
+    dx, dy, c, s = b.x - a.x, b.y - a.y, cos(a.heading), sin(a.heading)
+    return Moved(
+        b.t_s - a.t_s,
+        dx * c + dy * s,
+        dy * c - dx * s,
+        b.heading - a.heading,
+        motion.V,
+        motion.u,
+        b.heading + b.north,
+    )
+
+
 class Trail:
     """The last `span_s` seconds of dead reckoning."""
 
@@ -52,6 +66,8 @@ class Trail:
 
     def known(self, motion: Motion) -> Motion:
         """Return the motion with the last known speed and turn rate where a sensor is silent."""
+        if not (isnan(motion.V) or isnan(motion.u)):
+            return motion
         last = self._motion
         return Motion(last.V if isnan(motion.V) else motion.V, last.u if isnan(motion.u) else motion.u, motion.psi)
 
@@ -84,7 +100,4 @@ class Trail:
 
     def between(self, a: Place, b: Place, motion: Motion) -> Moved:
         """Return the motion from one place to another, with the speed and turn rate of `motion` at the second."""
-        V, u, _ = self.known(motion)
-        dx, dy, c, s = b.x - a.x, b.y - a.y, cos(a.heading), sin(a.heading)
-        turn = b.heading - a.heading
-        return Moved(b.t_s - a.t_s, dx * c + dy * s, dy * c - dx * s, turn, V, u, b.heading + b.north)
+        return between(a, b, self.known(motion))

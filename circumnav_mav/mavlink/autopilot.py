@@ -7,18 +7,19 @@ id from then on, so that a ground station's forwarded heartbeat (custom_mode 0) 
 from __future__ import annotations
 
 from collections.abc import Callable
-from math import hypot, nan, pi
-from typing import Any
+from math import atan2, cos, hypot, nan, pi, sin
+from typing import Any, NamedTuple
 
 from circumnav_mav.mavlink.codec import Message
 from circumnav_mav.mavlink.dialect import enums
+from circumnav_mav.mavlink.height import Height
 
 AUTOPILOT_COMPONENT = 1
 ARMED = 0x80
 STATUS_STANDBY = 3
 STATUS_CRITICAL = 5
 SILENT_AFTER_S = 3.5
-"""HEARTBEAT comes at 1 Hz: three missed ones, and the autopilot counts as not heard."""
+"""HEARTBEAT comes at 1 Hz, CURRENT_MODE at 2 Hz: without either for so long, the autopilot counts as not heard."""
 REBOOT_JUMP_MS = 5000
 """A boot clock that goes back by more than any reordering could means that the autopilot has restarted."""
 MODE_MESSAGES = ("HEARTBEAT", "CURRENT_MODE")
@@ -26,6 +27,27 @@ OVERTAKEN_WITHIN_S = 0.6
 """Sequence numbers go round every 256 frames (0.6 s at PX4's 400 msg/s): older comparisons mean nothing."""
 SPEED_TIME_CONSTANT_S = 1.0
 """Low-pass on the ground speed: short beside a lap, long beside the velocity loop's noise."""
+VELOCITY_FLAG, POSITION_FLAGS, STANDS_STILL_FLAG = 0x02, 0x08 | 0x10, 0x80
+"""Of ESTIMATOR_STATUS (PX4) and EKF_STATUS_REPORT (ArduPilot): horizontal velocity, horizontal position, and that the
+estimator assumes to stand still because nothing aids it: its velocity is then no velocity."""
+
+
+class VehicleState(NamedTuple):
+    """What an encoder may know of the vehicle at one tick; NaN = not heard lately. MAVLink's signs throughout."""
+
+    roll_rad: float = nan  # + right wing down
+    pitch_rad: float = nan  # + nose up
+    yaw_rad: float = nan  # clockwise from north
+    yaw_rate_rad_s: float = nan  # of the heading, + clockwise
+    height_m: float = nan  # above home
+    climb_m_s: float = nan
+    airspeed_m_s: float = nan  # true airspeed
+    throttle: float = nan  # 0..1
+    speed_m_s: float = nan  # over the ground, low-passed
+    course_rad: float = nan  # of the ground track, clockwise from north
+    north_m: float = nan  # in the autopilot's local frame
+    east_m: float = nan
+    down_m: float = nan
 
 
 class Autopilot:
@@ -45,17 +67,25 @@ class Autopilot:
         self.in_air: bool | None = None
         self.attitude_s = nan
         self.roll_rad = self.pitch_rad = self.yaw_rad = self.yaw_rate_rad_s = nan
-        """MAVLink's own signs: yaw clockwise from north, yaw rate + clockwise."""
+        """MAVLink's own signs: yaw clockwise from north; the rate is the heading's, + clockwise."""
         self.velocity_s = nan
         self.speed_m_s = nan
         """Ground speed, low-passed."""
-        self.climb_m_s = nan
-        self.height_s = nan
+        self.climb_m_s = self.climb_s = nan
+        self.place = (nan, nan, nan)
+        """North, east, down [m] in the autopilot's local frame."""
+        self.course_rad = nan
+        self.height = Height()
         self.height_m = nan
         """Above home, by the autopilot."""
         self.amsl_m = nan
-        self.airspeed_s = nan
+        self.hud_s = nan
         self.airspeed_m_s = nan
+        """True airspeed: MAVLink's is calibrated, corrected here for the thinner air (ISA)."""
+        self.throttle = nan
+        self.estimator_flags: int | None = None
+        self.heard_s: dict[str, float] = {}
+        """When each message was last heard."""
         self.reboots = 0
         self.strangers: set[int] = set()
         """System ids of other autopilots on the link: heard and not believed."""
@@ -69,6 +99,8 @@ class Autopilot:
             "GLOBAL_POSITION_INT": self._global_position,
             "VFR_HUD": self._vfr_hud,
             "EXTENDED_SYS_STATE": self._extended_state,
+            "ESTIMATOR_STATUS": self._estimator,
+            "EKF_STATUS_REPORT": self._estimator,
         }
 
     @property
@@ -77,18 +109,18 @@ class Autopilot:
         return tuple(self._handlers)
 
     def heard(self, now_s: float) -> bool:
-        """Return whether the autopilot is there: a heartbeat not older than `SILENT_AFTER_S`."""
-        return now_s - self.heartbeat_s <= SILENT_AFTER_S
+        """Return whether the autopilot is there: its mode was shown within the last `SILENT_AFTER_S`."""
+        return now_s - self.mode_s <= SILENT_AFTER_S
 
     def on_message(self, message: Message, now_s: float) -> bool:
         """Take in a message; return whether it came from the autopilot."""
-        if message.compid != AUTOPILOT_COMPONENT:
+        name, sysid, compid, seq, fields = message
+        if compid != AUTOPILOT_COMPONENT or (sysid != self.sysid and not self._found(message)):
             return False
-        if message.sysid != self.sysid and not self._found(message):
-            return False
-        handler = self._handlers.get(message.name)
-        if handler is not None and not (message.name in MODE_MESSAGES and self._overtaken(message.seq, now_s)):
-            handler(message.fields, now_s)
+        handler = self._handlers.get(name)
+        if handler is not None and not (name in MODE_MESSAGES and self._overtaken(seq, now_s)):
+            handler(fields, now_s)
+            self.heard_s[name] = now_s
         return True
 
     def _overtaken(self, seq: int, now_s: float) -> bool:
@@ -110,6 +142,8 @@ class Autopilot:
     def _heartbeat(self, fields: Any, now_s: float) -> None:
         self.kind, self.vehicle_type = fields.autopilot, fields.type
         self.armed = bool(fields.base_mode & ARMED)
+        if fields.custom_mode != self.custom_mode:
+            self.intended_mode = None  # what CURRENT_MODE said belongs to the mode before
         self.custom_mode = fields.custom_mode
         self.system_status = fields.system_status
         self.heartbeat_s = self.mode_s = now_s
@@ -126,7 +160,9 @@ class Autopilot:
             self._boot_ms = fields.time_boot_ms
         self._boot_ms = max(self._boot_ms, fields.time_boot_ms)
         self.roll_rad, self.pitch_rad, self.yaw_rad = fields.roll, fields.pitch, fields.yaw
-        self.yaw_rate_rad_s = fields.yawspeed
+        # The three speeds are the body's: in a bank of 42 degrees the heading turns by a third more than yawspeed says.
+        about = fields.pitchspeed * sin(fields.roll) + fields.yawspeed * cos(fields.roll)
+        self.yaw_rate_rad_s = about / max(0.1, cos(fields.pitch))
         self.attitude_s = now_s
 
     def _local_position(self, fields: Any, now_s: float) -> None:
@@ -136,17 +172,37 @@ class Autopilot:
             self.speed_m_s += (speed - self.speed_m_s) * max(0.0, elapsed) / SPEED_TIME_CONSTANT_S
         else:  # the first one, or one after a long silence (NaN compares false)
             self.speed_m_s = speed
+        if speed > 0.0:
+            self.course_rad = atan2(fields.vy, fields.vx)
         self.climb_m_s = -fields.vz
-        self.velocity_s = now_s
+        self.velocity_s = self.climb_s = now_s
+        self.place = (fields.x, fields.y, fields.z)
+        self.height.take("LOCAL_POSITION_NED", -fields.z, now_s, on_ground=not self.armed)
 
     def _global_position(self, fields: Any, now_s: float) -> None:
         self.height_m = fields.relative_alt / 1000.0
         self.amsl_m = fields.alt / 1000.0
-        self.height_s = now_s
+        self.height.take("GLOBAL_POSITION_INT", self.height_m, now_s, on_ground=not self.armed)
 
     def _vfr_hud(self, fields: Any, now_s: float) -> None:
-        self.airspeed_m_s = fields.airspeed
-        self.airspeed_s = now_s
+        self.airspeed_m_s = fields.airspeed * true_per_calibrated(fields.alt)
+        self.throttle = fields.throttle / 100.0
+        self.height.take("VFR_HUD", fields.alt, now_s, on_ground=not self.armed)
+        if not now_s - self.climb_s < 1.0 or self.climb_s == self.hud_s:  # no better one
+            self.climb_m_s, self.climb_s = fields.climb, now_s
+        self.hud_s = now_s
+
+    def _estimator(self, fields: Any, now_s: float) -> None:
+        self.estimator_flags = fields.flags
+
+    def estimates(self, what: str) -> bool:
+        """Return whether the autopilot has an estimate of its "velocity" or "position"; true while it does not say."""
+        flags = self.estimator_flags
+        if flags is None:
+            return True
+        if flags & STANDS_STILL_FLAG:
+            return False
+        return bool(flags & (VELOCITY_FLAG if what == "velocity" else POSITION_FLAGS))
 
     def _extended_state(self, fields: Any, now_s: float) -> None:
         if fields.landed_state != enums.MAV_LANDED_STATE_UNDEFINED:
@@ -162,4 +218,37 @@ class Autopilot:
 
     def height_above_home_m(self, now_s: float, within_s: float = 2.0) -> float:
         """Return the height; NaN where none was heard for `within_s`."""
-        return self.height_m if now_s - self.height_s <= within_s else nan
+        return self.height.at(now_s, within_s)
+
+    def true_airspeed_m_s(self, now_s: float, within_s: float = 1.0) -> float:
+        """Return the true airspeed; NaN where none was heard for `within_s`."""
+        return self.airspeed_m_s if now_s - self.hud_s <= within_s else nan
+
+    def ground_speed_m_s(self, now_s: float, within_s: float = 1.0) -> float:
+        """Return the low-passed ground speed; NaN where none was heard for `within_s`."""
+        return self.speed_m_s if now_s - self.velocity_s <= within_s else nan
+
+    def state(self, now_s: float) -> VehicleState:
+        """Return what an encoder may know at `now_s`."""
+        attitude, local = now_s - self.attitude_s <= 0.5, now_s - self.velocity_s <= 1.0
+        north, east, down = self.place if local else (nan, nan, nan)
+        return VehicleState(
+            self.roll_rad if attitude else nan,
+            self.pitch_rad if attitude else nan,
+            self.yaw_rad if attitude else nan,
+            self.yaw_rate_rad_s if attitude else nan,
+            self.height_above_home_m(now_s),
+            self.climb_m_s if now_s - self.climb_s <= 1.0 else nan,
+            self.true_airspeed_m_s(now_s),
+            self.throttle if now_s - self.hud_s <= 1.0 else nan,
+            self.ground_speed_m_s(now_s),
+            self.course_rad if local else nan,
+            north,
+            east,
+            down,
+        )
+
+
+def true_per_calibrated(amsl_m: float) -> float:
+    """Return true / calibrated airspeed in the ISA standard atmosphere, below 11 km."""
+    return float((1.0 - 2.25577e-5 * min(max(amsl_m, 0.0), 11000.0)) ** -2.12794) if amsl_m == amsl_m else 1.0

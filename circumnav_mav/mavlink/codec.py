@@ -5,14 +5,14 @@ Any bytes give frames or counts, never an exception. MAVLink 2 throughout; MAVLi
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from struct import Struct
 from typing import Any, NamedTuple
 
 from fastcrc.crc16 import mcrf4xx
 
-from circumnav_mav.mavlink.dialect import CRC_EXTRA, Layout, by_name, layout
-from circumnav_mav.mavlink.signing import Signer
+from circumnav_mav.mavlink.dialect import CRC_EXTRA, Layout, by_name, layout, quick
 
 MAGIC_1, MAGIC_2 = 0xFE, 0xFD
 HEADER_1, HEADER_2 = 6, 10
@@ -22,14 +22,14 @@ NOISE_BYTES = 100
 
 
 class Frame(NamedTuple):
-    """One whole frame whose checksum is right, or whose id is unknown to the dialect and so cannot be checked."""
+    """One whole frame. checked: its checksum was looked at, and is right."""
 
     msgid: int
     sysid: int
     compid: int
     seq: int
     raw: bytes
-    known: bool
+    checked: bool
 
     @property
     def signed(self) -> bool:
@@ -45,6 +45,11 @@ class Message(NamedTuple):
     compid: int
     seq: int
     fields: Any
+
+
+_frame: Callable[[tuple[int, int, int, int, bytes, bool]], Frame] = quick(Frame)
+_message: Callable[[tuple[str, int, int, int, Any]], Message] = quick(Message)
+_HEADER_1, _HEADER_2 = Struct("<6B"), Struct("<7BHB")
 
 
 @dataclass(slots=True)
@@ -72,9 +77,15 @@ class LinkCounts:
 
 
 class Splitter:
-    """Cuts a byte stream, or datagrams, into frames."""
+    """Cuts a byte stream, or datagrams, into frames.
 
-    def __init__(self) -> None:
+    checked: names of the messages whose checksum matters because somebody reads them; None = all. Of the others, and of
+    ids that the dialect does not know, the length is believed only where a frame or nothing follows.
+    """
+
+    def __init__(self, checked: Iterable[str] | None = None) -> None:
+        names = None if checked is None else {by_name(name).msgid for name in checked}
+        self._extra = {i: extra for i, extra in CRC_EXTRA.items() if names is None or i in names}
         self.counts = LinkCounts()
         self._tail = b""
 
@@ -86,40 +97,34 @@ class Splitter:
         buf = self._tail + data if self._tail else data
         frames: list[Frame] = []
         at, size = 0, len(buf)
-        counts = self.counts
+        counts, crc_extra = self.counts, self._extra
         while at < size:
             magic = buf[at]
-            if magic == MAGIC_2:
+            if magic == MAGIC_2 and at + HEADER_2 <= size:
                 header = HEADER_2
-            elif magic == MAGIC_1:
+                _, length, flags, _, seq, sysid, compid, low, high = _HEADER_2.unpack_from(buf, at)
+                msgid = low | high << 16
+                end = at + HEADER_2 + length + CHECKSUM
+                if flags:
+                    if flags != SIGNED:  # the standard: a frame with unknown flags must not be understood
+                        at = self._skip(buf, at)
+                        continue
+                    end += SIGNATURE
+            elif magic == MAGIC_1 and at + HEADER_1 <= size:
                 header = HEADER_1
-            else:
-                at = self._skip(buf, at)
-                continue
-            if at + header > size:
-                if not whole:
-                    break
-                at = self._skip(buf, at)
-                continue
-            length = buf[at + 1]
-            if magic == MAGIC_2:
-                flags = buf[at + 2]
-                msgid = buf[at + 7] | buf[at + 8] << 8 | buf[at + 9] << 16
-                end = at + HEADER_2 + length + CHECKSUM + (SIGNATURE if flags & SIGNED else 0)
-                ids = at + 4
-                if flags & ~SIGNED:  # the standard: a frame with unknown flags must not be understood
-                    at = self._skip(buf, at)
-                    continue
-            else:
-                msgid = buf[at + 5]
+                _, length, seq, sysid, compid, msgid = _HEADER_1.unpack_from(buf, at)
                 end = at + HEADER_1 + length + CHECKSUM
-                ids = at + 2
+            elif magic in (MAGIC_1, MAGIC_2) and not whole:
+                break
+            else:
+                at = self._skip(buf, at)
+                continue
             if end > size:
                 if not whole:
                     break
                 at = self._skip(buf, at)
                 continue
-            extra = CRC_EXTRA.get(msgid)
+            extra = crc_extra.get(msgid)
             if extra is not None:
                 body_end = at + header + length
                 crc = mcrf4xx(extra, mcrf4xx(buf[at + 1 : body_end]))
@@ -128,12 +133,11 @@ class Splitter:
                     at = self._skip(buf, at)
                     continue
             elif end < size and buf[end] != MAGIC_2 and buf[end] != MAGIC_1:
-                # An unknown id cannot be checked: believe its length only where a frame or nothing follows.
                 at = self._skip(buf, at)
                 continue
-            else:
+            elif msgid not in CRC_EXTRA:
                 counts.unknown += 1
-            frames.append(Frame(msgid, buf[ids + 1], buf[ids + 2], buf[ids], buf[at:end], extra is not None))
+            frames.append(_frame((msgid, sysid, compid, seq, buf[at:end], extra is not None)))
             at = end
         self._tail = b"" if whole else buf[at:]
         counts.frames += len(frames)
@@ -156,22 +160,22 @@ class Decoder:
 
     def decode(self, frame: Frame) -> Message | None:
         """Return the message, or None where its id is not subscribed."""
-        shape = self._layouts.get(frame.msgid)
+        msgid, sysid, compid, seq, raw, _ = frame
+        shape = self._layouts.get(msgid)
         if shape is None:
             return None
         self.decoded += 1
-        raw = frame.raw
         header = HEADER_2 if raw[0] == MAGIC_2 else HEADER_1
-        return Message(shape.name, frame.sysid, frame.compid, frame.seq, shape.unpack(raw[header : header + raw[1]]))
+        return _message((shape.name, sysid, compid, seq, shape.unpack(raw, header, raw[1])))
 
 
 class Packer:
-    """Packs messages under one identity with its own sequence number."""
+    """Packs messages under one identity with its own sequence number. signed: a signature will follow each frame."""
 
-    def __init__(self, sysid: int, compid: int, signer: Signer | None = None) -> None:
+    def __init__(self, sysid: int, compid: int, *, signed: bool = False) -> None:
         self.sysid = sysid
         self.compid = compid
-        self._signer = signer
+        self._flags = SIGNED if signed else 0
         self._seq = 0
 
     def pack(self, name: str, **fields: Any) -> bytes:
@@ -179,15 +183,23 @@ class Packer:
         shape = by_name(name)
         payload = shape.pack(fields)
         msgid = shape.msgid
-        flags = SIGNED if self._signer else 0
         body = bytes(
-            (len(payload), flags, 0, self._seq, self.sysid, self.compid, msgid & 0xFF, msgid >> 8 & 0xFF, msgid >> 16)
+            (
+                len(payload),
+                self._flags,
+                0,
+                self._seq,
+                self.sysid,
+                self.compid,
+                msgid & 0xFF,
+                msgid >> 8 & 0xFF,
+                msgid >> 16,
+            )
         )
         self._seq = (self._seq + 1) & 0xFF
         body += payload
         crc = mcrf4xx(CRC_EXTRA[msgid], mcrf4xx(body))
-        frame = b"\xfd" + body + crc.to_bytes(2, "little")
-        return frame + self._signer.sign(frame) if self._signer else frame
+        return b"\xfd" + body + crc.to_bytes(2, "little")
 
 
 def name_of(msgid: int) -> str:

@@ -18,11 +18,12 @@ IN_PROGRESS = 5
 
 
 class Command(NamedTuple):
-    """A COMMAND_LONG: id, its seven parameters, and what it is for, in words."""
+    """A COMMAND_LONG: id, its seven parameters, and what it is for, in words. With a frame, a COMMAND_INT."""
 
     command: int
     params: tuple[float, ...]
     purpose: str
+    frame: int | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,9 +56,13 @@ class CommandQueue:
         """Return the newest failure of commands with this purpose."""
         return next((f for f in reversed(self.failures) if f.command.purpose == purpose), None)
 
-    def push(self, command: int, *params: float, purpose: str) -> None:
+    def push(self, command: int, *params: float, purpose: str, frame: int | None = None) -> None:
         """Queue a command; missing parameters are 0."""
-        self._waiting.append(Command(command, params + (0.0,) * (7 - len(params)), purpose))
+        self._waiting.append(Command(command, params + (0.0,) * (7 - len(params)), purpose, frame))
+
+    def add(self, command: Command) -> None:
+        """Queue a command as it is."""
+        self._waiting.append(command)
 
     def clear(self) -> None:
         """Forget everything that is not done (the autopilot has restarted, or the aircraft is no longer ours)."""

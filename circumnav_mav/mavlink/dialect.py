@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections import namedtuple
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from struct import Struct
 from typing import Any
 
@@ -29,15 +29,17 @@ class Layout:
     struct: Struct
     fields: tuple[str, ...]  # in wire order
     lengths: tuple[int, ...]  # elements of each field on the wire, 1 for scalars and strings
+    size: int  # of the whole payload, bytes
+    scalar: bool  # no field has more than one element
     make: Callable[[tuple[Any, ...]], Any]  # values in wire order -> named tuple
 
-    def unpack(self, payload: bytes) -> Any:
-        """Return the payload's fields as a named tuple; bytes that MAVLink 2 cut off count as zero."""
-        size = self.struct.size
-        if len(payload) < size:
-            payload = payload + bytes(size - len(payload))
-        values = self.struct.unpack_from(payload)
-        if len(values) == len(self.lengths):
+    def unpack(self, raw: bytes, start: int, length: int) -> Any:
+        """Return the fields of the payload raw[start : start + length]; bytes that MAVLink 2 cut off count as zero."""
+        if length >= self.size:
+            values = self.struct.unpack_from(raw, start)
+        else:
+            values = self.struct.unpack(raw[start : start + length].ljust(self.size, b"\0"))
+        if self.scalar:
             return self.make(values)
         grouped: list[Any] = []
         at = 0
@@ -60,6 +62,11 @@ class Layout:
         return self.struct.pack(*flat).rstrip(b"\0") or b"\0"
 
 
+def quick(record: type[Any]) -> Callable[[tuple[Any, ...]], Any]:
+    """Return what makes a named tuple of a tuple of the right length, at a third of the cost of its `_make`."""
+    return partial(tuple.__new__, record)
+
+
 @cache
 def layout(msgid: int) -> Layout | None:
     """Return the layout of a message id, None where the dialect does not know it."""
@@ -71,7 +78,17 @@ def layout(msgid: int) -> Layout | None:
     strings = [kind == "char" for kind in _wire_types(cls)]
     lengths = tuple(1 if text else length for text, length in zip(strings, cls.lengths, strict=True))
     record = namedtuple(cls.msgname, names)  # type: ignore[misc]
-    return Layout(msgid, cls.msgname, cls.crc_extra, cls.unpacker, names, lengths, record._make)
+    return Layout(
+        msgid,
+        cls.msgname,
+        cls.crc_extra,
+        cls.unpacker,
+        names,
+        lengths,
+        cls.unpacker.size,
+        max(lengths) == 1,
+        quick(record),
+    )
 
 
 def _wire_types(cls: Any) -> list[str]:

@@ -1,33 +1,37 @@
-"""`engage: auto`: arm, take off, ask for OFFBOARD, for a vehicle that is disarmed on the ground at first sight.
+"""`engage: auto`: arm, take off, ask for control, for a vehicle that is disarmed on the ground at first sight.
 
-Anything else (armed, in the air, a pilot who changes the mode on the way) is left to the pilot, as with engage: pilot.
+How a vehicle class gets into the air is its TakeOff. Anything else (armed, in the air, a pilot who changes the mode on
+the way) is left to the pilot, as with engage: pilot.
 """
 
 from __future__ import annotations
 
 from enum import StrEnum
-from math import isnan, nan
+from math import nan
 
-from circumnav_mav.mavlink import px4_modes
 from circumnav_mav.mavlink.autopilot import STATUS_STANDBY
 from circumnav_mav.mavlink.dialect import enums
 from circumnav_mav.mavlink.link import AutopilotLink
+from circumnav_mav.mavlink.vehicles.plug import TakeOff
 
-ARM, TAKE_OFF = "arming", "take-off"
+MODE, ARM, TAKE_OFF = "mode", "arming", "take-off"
 ARRIVED_SHARE = 0.95
 ARRIVED_WITHIN_M = 1.0
 CLIMB_SLOWEST_M_S = 0.4
 CLIMB_MARGIN_S = 20.0
+LEVEL_CLIMB_M_S = 0.7
+ARM_AGAIN_S = 2.0
 
 
 class Step(StrEnum):
     """Where the sequence stands."""
 
     WAITING = "waiting until the autopilot is ready to arm"
+    MODE = "asking for the mode to take off in"
     ARMING = "arming"
     TAKING_OFF = "asking for take-off"
     CLIMBING = "taking off"
-    ASKED = "asking for Offboard"
+    ASKED = "asking for control"
     LEFT_TO_PILOT = "the pilot engages"
     FAILED = "failed"
 
@@ -35,28 +39,31 @@ class Step(StrEnum):
 class AutoEngage:
     """The sequence; `height_m` is the height above the take-off point to climb to."""
 
-    def __init__(self, link: AutopilotLink, height_m: float) -> None:
+    def __init__(self, link: AutopilotLink, take_off: TakeOff, height_m: float) -> None:
         self._link = link
+        self._plan = take_off
         self._height_m = height_m
-        self._by_s = nan
+        self._by_s = self._level_since_s = self._arm_by_s = self._arm_next_s = nan
+        self._arm_tries = 0
         self._decided = False
         self.step = Step.WAITING
         self.problem = ""
 
     def tick(self, now_s: float, *, ready: bool) -> None:
         """Do what is due. ready: the beacon is heard, so that there is something to fly to."""
-        ap = self._link.autopilot
         if not self._decided:
             self._decided = self._decide()
         elif self.step is Step.WAITING:
-            if ready and ap.system_status == STATUS_STANDBY and not isnan(ap.amsl_m):
-                self._link.commands.push(enums.MAV_CMD_COMPONENT_ARM_DISARM, 1.0, purpose=ARM)
-                self.step = Step.ARMING
+            if ready and self._may_begin():
+                self._begin(now_s)
+        elif self.step is Step.MODE:
+            if self._done(MODE):
+                self._arm(now_s)
         elif self.step is Step.ARMING:
-            self._after(ARM, self._take_off)
+            self._watch_arming(now_s)
         elif self.step is Step.TAKING_OFF:
-            if self._after(TAKE_OFF, self._climb):
-                self._by_s = now_s + self._height_m / CLIMB_SLOWEST_M_S + CLIMB_MARGIN_S
+            if self._done(TAKE_OFF):
+                self._climb(now_s)
         elif self.step is Step.CLIMBING:
             self._watch_climb(now_s)
         elif self.step is Step.ASKED and self._link.authority.refused:
@@ -67,41 +74,95 @@ class AutoEngage:
         ap = self._link.autopilot
         if ap.custom_mode is None or (ap.in_air is None and not ap.armed):
             return False
-        if ap.armed or ap.in_air:
+        if ap.armed or ap.in_air or ap.custom_mode == self._link.words.ours:  # left over: a flight was cut short
             self.step = Step.LEFT_TO_PILOT
         return True
 
-    def _after(self, purpose: str, then: object) -> bool:
+    def _may_begin(self) -> bool:
+        ap, link = self._link.autopilot, self._link
+        named = self._plan.height_parameter
+        return (
+            ap.system_status == STATUS_STANDBY
+            and (self._plan.command != "amsl" or ap.amsl_m == ap.amsl_m)
+            and (not named or named in link.parameters)
+        )
+
+    def _begin(self, now_s: float) -> None:
+        named = self._plan.height_parameter
+        if named and self._link.parameters[named] < self._height_m - ARRIVED_WITHIN_M:
+            climbs_to = self._link.parameters[named]
+            self._fail(f"take-off: {named} is {climbs_to:g} m: set it to {self._height_m:g} m, orbit.height_m, or more")
+        elif self._plan.first_mode is None:
+            self._arm(now_s)
+        else:
+            custom, param2, param3 = 1.0, *map(float, self._link.words.split(self._plan.first_mode))
+            self._link.commands.push(enums.MAV_CMD_DO_SET_MODE, custom, param2, param3, purpose=MODE)
+            self.step = Step.MODE
+
+    def _arm(self, now_s: float) -> None:
+        if self._arm_tries == 0:
+            self._arm_by_s = now_s + self._plan.arm_patience_s
+        self._arm_tries += 1
+        self._link.commands.push(enums.MAV_CMD_COMPONENT_ARM_DISARM, 1.0, purpose=self._arming)
+        self.step = Step.ARMING
+
+    @property
+    def _arming(self) -> str:
+        return ARM if self._arm_tries == 1 else f"{ARM} (try {self._arm_tries})"
+
+    def _watch_arming(self, now_s: float) -> None:
         commands = self._link.commands
-        failure = commands.failure(purpose)
+        failure = commands.failure(self._arming)
+        if self._arming in commands.accepted:
+            if self._plan.command == "none":
+                self._climb(now_s)
+            else:
+                self._take_off()
+        elif failure is not None:
+            if now_s >= self._arm_by_s:
+                self._fail(str(failure))
+            elif not now_s < self._arm_next_s:
+                self._arm_next_s = now_s + ARM_AGAIN_S
+                self._arm(now_s)
+
+    def _done(self, purpose: str) -> bool:
+        failure = self._link.commands.failure(purpose)
         if failure is not None:
             self._fail(str(failure))
-        elif purpose in commands.accepted:
-            assert callable(then)
-            then()
-            return True
-        return False
+        return purpose in self._link.commands.accepted
 
     def _take_off(self) -> None:
         ap = self._link.autopilot
-        above_sea_m = ap.amsl_m - ap.height_m + self._height_m
-        here = (nan, nan, nan)  # yaw, latitude, longitude: as they are
-        self._link.commands.push(enums.MAV_CMD_NAV_TAKEOFF, 0.0, 0.0, 0.0, *here, above_sea_m, purpose=TAKE_OFF)
+        if self._plan.command == "amsl":
+            here, to_m = (
+                (nan, nan, nan),
+                ap.amsl_m - ap.height_m + self._height_m,
+            )  # yaw, latitude, longitude as they are
+        else:
+            here, to_m = (0.0, 0.0, 0.0), self._height_m
+        self._link.commands.push(enums.MAV_CMD_NAV_TAKEOFF, 0.0, 0.0, 0.0, *here, to_m, purpose=TAKE_OFF)
         self.step = Step.TAKING_OFF
 
-    def _climb(self) -> None:
+    def _climb(self, now_s: float) -> None:
+        self._by_s = now_s + self._height_m / CLIMB_SLOWEST_M_S + CLIMB_MARGIN_S
         self.step = Step.CLIMBING
 
     def _watch_climb(self, now_s: float) -> None:
-        ap = self._link.autopilot
-        arrived = ap.height_m >= min(ARRIVED_SHARE * self._height_m, self._height_m - ARRIVED_WITHIN_M)
-        if ap.custom_mode not in (px4_modes.TAKEOFF, px4_modes.HOLD) and arrived:
+        ap, plan = self._link.autopilot, self._plan
+        height_m = ap.height_above_home_m(now_s)
+        arrived = height_m >= min(ARRIVED_SHARE * self._height_m, self._height_m - ARRIVED_WITHIN_M)
+        if not abs(ap.climb_m_s) < LEVEL_CLIMB_M_S:
+            self._level_since_s = nan
+        elif not now_s >= self._level_since_s:
+            self._level_since_s = now_s
+        level = plan.level_s == 0.0 or now_s - self._level_since_s >= plan.level_s
+        if arrived and ap.custom_mode not in plan.climbing:
             self.step = Step.LEFT_TO_PILOT
-        elif arrived and ap.custom_mode == px4_modes.HOLD:
+        elif arrived and level and ap.custom_mode == plan.arrived:
             self._link.authority.ask(now_s)
             self.step = Step.ASKED
         elif now_s > self._by_s:
-            self._fail(f"take-off: {ap.height_m:.1f} m after a climb that should have reached {self._height_m:g} m")
+            self._fail(f"take-off: {height_m:.1f} m after a climb that should have reached {self._height_m:g} m")
 
     def _fail(self, problem: str) -> None:
         self.step, self.problem = Step.FAILED, problem

@@ -6,27 +6,32 @@ takes the app for a ground station.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Collection, Iterable, Mapping
 from math import isnan, nan
 from struct import pack, unpack
 from typing import Any
 
 from circumnav_mav.mavlink import px4_modes
-from circumnav_mav.mavlink.autopilot import AUTOPILOT_COMPONENT, MODE_MESSAGES, Autopilot
+from circumnav_mav.mavlink.autopilot import AUTOPILOT_COMPONENT, Autopilot
 from circumnav_mav.mavlink.codec import Decoder, Frame, Message, Packer, Splitter
 from circumnav_mav.mavlink.commands import Command, CommandQueue
 from circumnav_mav.mavlink.dialect import by_name, enums
-from circumnav_mav.mavlink.offboard import Authority, ModeRequest
+from circumnav_mav.mavlink.modes import ModeWords
+from circumnav_mav.mavlink.offboard import Authority, ModeRequest, Seen
 from circumnav_mav.mavlink.signing import Signer
-from circumnav_mav.mavlink.streams import UNWANTED, WANTED_HZ, interval_us
+from circumnav_mav.mavlink.streams import WANTED_HZ, interval_us, unwanted
 
 COMPANION_COMPONENT = 191
 HEARTBEAT_S = 1.0
-PARAMETERS = ("COM_OF_LOSS_T", "COM_OBL_RC_ACT")
-"""What the app reads of the autopilot's settings: when and how it acts if the setpoints stop."""
+ASK_MODE_S = 0.1
+"""While the mode is not known, it is asked for so often: PX4 gives up a silent companion after about a second."""
+NEED_HZ = 1.0
+"""Rate to ask for what a vehicle class needs to hear, without flying on it."""
 PARAM_INT32 = 6
 STATUSTEXT_LENGTH = 50
-OWN_MESSAGES = ("COMMAND_ACK", "COMMAND_LONG", "COMMAND_INT", "TIMESYNC", "PARAM_VALUE", "STATUSTEXT")
+COMMANDS = frozenset({"COMMAND_LONG", "COMMAND_INT"})
+SETPOINTS = frozenset({"SET_POSITION_TARGET_LOCAL_NED", "SET_POSITION_TARGET_GLOBAL_INT", "SET_ATTITUDE_TARGET"})
+OWN_MESSAGES = ("COMMAND_ACK", *COMMANDS, "TIMESYNC", "PARAM_VALUE", "STATUSTEXT", *SETPOINTS)
 
 
 class AutopilotLink:
@@ -34,69 +39,104 @@ class AutopilotLink:
 
     def __init__(
         self,
-        subscribed: Iterable[str],
-        wanted_hz: dict[str, float] | None = None,
+        subscribed: Collection[str],
+        wanted_hz: Mapping[str, float] = WANTED_HZ,
+        words: ModeWords = px4_modes.WORDS,
         signer: Signer | None = None,
     ) -> None:
         self.autopilot = Autopilot()
-        self.authority = Authority(self.autopilot)
+        self.words = words
+        self.authority = Authority(self.autopilot, words)
         self.commands = CommandQueue()
         self.parameters: dict[str, float] = {}
         self.latch_commands = 0
         """How often MAV_CMD_USER_1 came for this component: the operator's wish to be followed again."""
         self.autopilot_texts: list[str] = []
-        self._wanted_hz = WANTED_HZ | (wanted_hz or {})
-        self._splitter = Splitter()
-        self._decoder = Decoder({*self.autopilot.messages, *OWN_MESSAGES, *subscribed})
-        self._packer = Packer(1, COMPANION_COMPONENT, signer)
+        self._wanted_hz = wanted_hz
+        read = {*self.autopilot.messages, *OWN_MESSAGES, *subscribed}
+        self._splitter = Splitter(read)
+        self._decoder = Decoder(read)
+        self._packer = Packer(1, COMPANION_COMPONENT, signed=signer is not None)
         self.signer = signer
         self.signs_at_us = False
         """Whether the autopilot signs and we have no key: it will not listen."""
         self._heartbeat_next_s = nan
+        self._ask_mode_next_s = nan
         self._set_up_for: tuple[int | None, int] = (None, 0)
         self.counts = self._splitter.counts
+        self._theirs_alone = frozenset(self.autopilot.messages) - set(subscribed)
+        self._handlers: dict[str, Callable[[Any, float], None]] = {
+            "HEARTBEAT": self._on_mode,
+            "CURRENT_MODE": self._on_mode,
+            "COMMAND_ACK": self._on_ack,
+            "PARAM_VALUE": self._on_parameter,
+            "STATUSTEXT": self._on_text,
+            "TIMESYNC": self._on_timesync,
+        }
 
     def receive(self, data: bytes, now_s: float, *, whole: bool = True) -> tuple[list[Frame], list[Message]]:
         """Take in bytes; return all frames (for the recorder) and the messages that are not the link's own business."""
         frames = self._splitter.feed(data, whole=whole)
         others = []
+        decode, autopilot, handlers = self._decoder.decode, self.autopilot, self._handlers
         signer = self.signer
         if signer is not None:
             signer.advance(now_s)
         for frame in frames:
             if signer is not None and not signer.believes(frame.raw, frame.sysid, frame.compid):
                 continue
-            message = self._decoder.decode(frame)
+            message = decode(frame)
             if message is None:
                 continue
-            if signer is None and frame.signed and frame.compid == AUTOPILOT_COMPONENT:
-                self.signs_at_us = True
-            self.counts.decoded += 1
-            if not self._own(message, now_s):
+            name = message[0]
+            if autopilot.on_message(message, now_s):
+                if autopilot.reboots != self._reboots:
+                    self._reboots = autopilot.reboots
+                    self.authority.lost("the autopilot has restarted")
+                handler = handlers.get(name)
+                if handler is not None:
+                    self.signs_at_us = signer is None and frame.signed
+                    handler(message.fields, now_s)
+                if name in self._theirs_alone:
+                    continue
+            elif name in COMMANDS:
+                self._command_for_us(message)
+                continue
+            elif name == "HEARTBEAT" or name in SETPOINTS:
+                self._watch_rivals(message, now_s)
+                continue
+            if name not in OWN_MESSAGES:
                 others.append(message)
+        self.counts.decoded = self._decoder.decoded
         return frames, others
 
-    def _own(self, message: Message, now_s: float) -> bool:
-        fields = message.fields
-        if message.name in ("COMMAND_LONG", "COMMAND_INT"):
-            self._command_for_us(message)
-            return True
-        if not self.autopilot.on_message(message, now_s):
-            return message.name in OWN_MESSAGES
-        if message.name in MODE_MESSAGES:
-            self.authority.on_mode(now_s)
-        elif message.name == "COMMAND_ACK":
-            if self._for_us(fields):
-                self.commands.on_ack(fields.command, fields.result)
-        elif message.name == "PARAM_VALUE":
-            self._parameter(fields)
-        elif message.name == "STATUSTEXT":
-            self.autopilot_texts.append(fields.text.split(b"\0")[0].decode("utf-8", "replace").strip())
-        elif message.name == "TIMESYNC" and fields.tc1 == 0:
+    def _on_mode(self, fields: Any, now_s: float) -> None:
+        self.authority.on_mode(now_s)
+
+    def _on_ack(self, fields: Any, now_s: float) -> None:
+        if self._for_us(fields):
+            self.commands.on_ack(fields.command, fields.result)
+
+    def _on_text(self, fields: Any, now_s: float) -> None:
+        self.autopilot_texts.append(fields.text.split(b"\0")[0].decode("utf-8", "replace").strip())
+
+    def _on_timesync(self, fields: Any, now_s: float) -> None:
+        if fields.tc1 == 0:
             self._timesync = fields.ts1
-        return message.name in OWN_MESSAGES or message.name in self.autopilot.messages
 
     _timesync: int | None = None
+    _reboots: int = 0
+    _latch_asked_by: tuple[int, int] = (0, 0)
+
+    def _watch_rivals(self, message: Message, now_s: float) -> None:
+        """Our own frames never come back to us: what speaks as we do, or flies what we fly, is somebody else."""
+        vehicle = self.autopilot.sysid or 1
+        who = f"system {message.sysid} component {message.compid}"
+        if message.name in SETPOINTS:
+            if message.fields.target_system in (0, vehicle) and self.autopilot.sysid is not None:
+                self.authority.rival(now_s, who, flies=True)
+        elif (message.sysid, message.compid) == (vehicle, COMPANION_COMPONENT):
+            self.authority.rival(now_s, who, flies=False)
 
     def _for_us(self, fields: Any) -> bool:
         return fields.target_system in (0, self._packer.sysid) and fields.target_component in (0, COMPANION_COMPONENT)
@@ -105,21 +145,20 @@ class AutopilotLink:
         fields = message.fields
         if fields.command == enums.MAV_CMD_USER_1 and self._for_us(fields) and fields.target_component:
             self.latch_commands += 1
+            self._latch_asked_by = (message.sysid, message.compid)
 
-    def _parameter(self, fields: Any) -> None:
+    def _on_parameter(self, fields: Any, now_s: float) -> None:
         name = fields.param_id.split(b"\0")[0].decode("ascii", "replace")
         value = fields.param_value
         if fields.param_type == PARAM_INT32 and self.autopilot.kind == enums.MAV_AUTOPILOT_PX4:
             (value,) = unpack("<i", pack("<f", value))  # PX4 sends an integer's bytes in the float field
         self.parameters[name] = float(value)
-        if name == "COM_OF_LOSS_T" and value > 0:
+        if name == self.words.loss_parameter and value > 0:
             self.authority.loss_timeout_s = float(value)
 
     def poll(self, now_s: float) -> list[bytes]:
         """Return the frames that are due: heartbeat, answers, commands, mode requests."""
         due: list[bytes] = []
-        if self.signer is not None:
-            self.signer.advance(now_s)
         if not now_s < self._heartbeat_next_s:
             self._heartbeat_next_s = now_s + HEARTBEAT_S
             due.append(self._heartbeat())
@@ -131,8 +170,17 @@ class AutopilotLink:
             due.append(self._packer.pack("TIMESYNC", tc1=int(now_s * 1e9), ts1=self._timesync))
             self._timesync = None
         due += [self._command(command) for command in self.commands.poll(now_s)]
+        if self.authority.seen() is Seen.NOTHING and not now_s < self._ask_mode_next_s:
+            due.append(self._ask_mode(now_s))  # the last answer may have been lost
         due += [self._mode(request) for request in self.authority.poll(now_s)]
         return due
+
+    def seal(self, frames: list[bytes], now_s: float) -> list[bytes]:
+        """Return frames as they leave, in that order: signed where there is a key."""
+        if self.signer is None:
+            return frames
+        self.signer.advance(now_s)
+        return [self.signer.sign(frame) for frame in frames]
 
     def setpoint(self, name: str, fields: dict[str, Any], now_s: float) -> bytes:
         """Return the frame of an encoded setpoint; it counts as sent."""
@@ -142,7 +190,12 @@ class AutopilotLink:
     def after_gap(self, now_s: float) -> bytes:
         """The app was away: believe nothing older than now; return a request for the mode, so as to know it soon."""
         self.authority.gap(now_s)
-        request = (float(by_name("CURRENT_MODE").msgid),)
+        return self._ask_mode(now_s)
+
+    def _ask_mode(self, now_s: float) -> bytes:
+        """Return a request for the message that shows the mode."""
+        self._ask_mode_next_s = now_s + ASK_MODE_S
+        request = (float(by_name("CURRENT_MODE" if self.words.tells_intention else "HEARTBEAT").msgid),)
         return self._command(Command(enums.MAV_CMD_REQUEST_MESSAGE, request + (0.0,) * 6, "mode"))
 
     def reconnected(self, now_s: float) -> bytes:
@@ -150,10 +203,31 @@ class AutopilotLink:
         self._set_up_for = (None, 0)
         return self.after_gap(now_s)
 
-    def statustext(self, text: str, severity: int) -> bytes:
-        """Return a STATUSTEXT for the ground station; the autopilot forwards it."""
-        cut = text.encode("ascii", "replace")[:STATUSTEXT_LENGTH]
-        return self._packer.pack("STATUSTEXT", severity=severity, text=cut, id=0, chunk_seq=0)
+    def answer_latch(self, opened: bool) -> bytes:
+        """Return the COMMAND_ACK for the operator's MAV_CMD_USER_1."""
+        system, component = self._latch_asked_by
+        return self._packer.pack(
+            "COMMAND_ACK",
+            command=enums.MAV_CMD_USER_1,
+            result=enums.MAV_RESULT_ACCEPTED if opened else enums.MAV_RESULT_TEMPORARILY_REJECTED,
+            progress=0,
+            result_param2=0,
+            target_system=system,
+            target_component=component,
+        )
+
+    def statustext(self, text: str, severity: int) -> list[bytes]:
+        """Return a text for the ground station, which the autopilot forwards: in chunks where it is long."""
+        raw = text.encode("ascii", "replace")
+        chunks = [raw[i : i + STATUSTEXT_LENGTH] for i in range(0, len(raw), STATUSTEXT_LENGTH)]
+        self._text_id = self._text_id % 0xFFFF + 1 if len(chunks) > 1 else self._text_id
+        text_id = self._text_id if len(chunks) > 1 else 0
+        return [
+            self._packer.pack("STATUSTEXT", severity=severity, text=chunk, id=text_id, chunk_seq=i)
+            for i, chunk in enumerate(chunks)
+        ]
+
+    _text_id: int = 0
 
     def _heartbeat(self) -> bytes:
         return self._packer.pack(
@@ -173,29 +247,46 @@ class AutopilotLink:
             return
         self._set_up_for = state
         self.commands.clear()
-        for name, rate_hz in {**self._wanted_hz, **dict.fromkeys(set(UNWANTED) - set(self._wanted_hz), 0.0)}.items():
-            self.commands.push(
-                enums.MAV_CMD_SET_MESSAGE_INTERVAL,
-                float(by_name(name).msgid),
-                interval_us(rate_hz),
-                purpose=f"{name} at {rate_hz:g} Hz" if rate_hz else f"{name} off",
-            )
+        self.ask_for(self._wanted_hz)
+        for name in unwanted(self.autopilot.kind, self._wanted_hz):
+            self._ask_for(name, 0.0)
+
+    def ask_for(self, names: Iterable[str]) -> None:
+        """Ask for streams of the vehicle class, at their rates."""
+        for name in names:
+            self._ask_for(name, self._wanted_hz.get(name, NEED_HZ))
+
+    def _ask_for(self, name: str, rate_hz: float) -> None:
+        self.commands.push(
+            enums.MAV_CMD_SET_MESSAGE_INTERVAL,
+            float(by_name(name).msgid),
+            interval_us(rate_hz),
+            purpose=f"{name} at {rate_hz:g} Hz" if rate_hz else f"{name} off",
+        )
 
     def _target(self) -> dict[str, int]:
         return {"target_system": self.autopilot.sysid or 1, "target_component": AUTOPILOT_COMPONENT}
 
     def _command(self, command: Command) -> bytes:
+        if command.frame is not None:
+            return self._command_int(command, command.frame)
         params = {f"param{i}": value for i, value in enumerate(command.params, 1)}
         return self._packer.pack("COMMAND_LONG", command=command.command, confirmation=0, **params, **self._target())
 
+    def _command_int(self, command: Command, frame: int) -> bytes:
+        *params, x, y, z = command.params
+        fields = {f"param{i}": value for i, value in enumerate(params, 1)}
+        fields |= {"x": int(x), "y": int(y), "z": z, "frame": frame, "current": 0, "autocontinue": 0}
+        return self._packer.pack("COMMAND_INT", command=command.command, **fields, **self._target())
+
     def _mode(self, request: ModeRequest) -> bytes:
-        main, sub = px4_modes.main_and_sub(request.custom_mode)
+        main, sub = self.words.split(request.custom_mode)
         params = (float(enums.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED), float(main), float(sub), 0.0, 0.0, 0.0, 0.0)
         return self._command(Command(enums.MAV_CMD_DO_SET_MODE, params, "mode"))
 
     def read_parameters(self, now_s: float) -> list[bytes]:
         """Return the requests for the parameters that are still missing, at most once a second."""
-        missing = [name for name in PARAMETERS if name not in self.parameters]
+        missing = [name for name in self.words.parameters if name not in self.parameters]
         if not missing or self.autopilot.sysid is None or now_s < self._parameters_next_s:
             return []
         self._parameters_next_s = now_s + 1.0 if isnan(self._parameters_next_s) else now_s + 5.0

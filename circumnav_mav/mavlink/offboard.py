@@ -5,16 +5,25 @@ HEARTBEAT or CURRENT_MODE does; OFFBOARD comes back BY ITSELF when a stream resu
 intention stays OFFBOARD. So nothing is streamed unless the newest mode message shows that OFFBOARD is held by this app,
 or a mode that streaming cannot change.
 
+OFFBOARD stands for the mode in which the app flies: GUIDED on ArduPilot. Which one, and how a pilot's choice of it is
+known to be meant for this app, is in the autopilot's ModeWords.
+
 Transitions on a mode message (state x what it shows -> state; RELEASED is latched and has no row):
 
-    NOT_HELD    x OFFBOARD, we streamed      -> HELD         the pilot engaged
-    NOT_HELD    x OFFBOARD, we did not       -> NOT_HELD     somebody else's; never joined
+    NOT_HELD    x OFFBOARD, meant for us     -> HELD         the pilot engaged
+    NOT_HELD    x OFFBOARD, otherwise        -> NOT_HELD     somebody else's; never joined
     ASKED       x OFFBOARD                   -> HELD         confirmed
     ASKED       x another mode than when asked -> RELEASED   the pilot chose while we asked
     HELD        x OFFBOARD                   -> HELD
     HELD        x anything else              -> RELEASED     pilot, ground station or failsafe
     GIVING_BACK x anything but OFFBOARD      -> GIVEN_BACK   what we asked for
     GIVEN_BACK  x a settled mode             -> NOT_HELD     may be engaged again by the pilot
+
+Without a mode message, ASKED, HELD and GIVING_BACK become RELEASED when the autopilot has not been heard for
+SILENT_AFTER_S, when it has restarted, and when somebody else sends setpoints to it. Somebody who merely speaks under
+our ids keeps us from engaging. RELEASED is left by a restart of the app, or by the operator's command (`open_latch`).
+
+Mode requests: to enter OFFBOARD while ASKED; to leave it while GIVING_BACK and OFFBOARD is shown. No others.
 """
 
 from __future__ import annotations
@@ -24,12 +33,17 @@ from math import inf, nan
 from typing import NamedTuple
 
 from circumnav_mav.mavlink import px4_modes
-from circumnav_mav.mavlink.autopilot import STATUS_CRITICAL, Autopilot
+from circumnav_mav.mavlink.autopilot import SILENT_AFTER_S, STATUS_CRITICAL, Autopilot
+from circumnav_mav.mavlink.modes import ModeWords
 
 ASK_AGAIN_S = 1.0
 ASKS = 3
 PRIMED_WITHIN_S = 0.5
 """A request goes out only behind a setpoint younger than this: PX4 refuses one that comes first."""
+RIVAL_WITHIN_S = 5.0
+"""So long after it was last heard, another companion is taken to be there."""
+READY_WITHIN_S = 0.5
+"""A pilot who chooses the mode means this app if it said that it is ready so lately."""
 
 
 class Control(StrEnum):
@@ -60,12 +74,14 @@ class ModeRequest(NamedTuple):
     custom_mode: int
 
 
+WITH_AUTHORITY = frozenset({Control.ASKED, Control.HELD, Control.GIVING_BACK})
+
 _ON_MODE: dict[tuple[Control, Seen], tuple[Control, str]] = {
-    (Control.ASKED, Seen.OFFBOARD): (Control.HELD, "Offboard confirmed by the autopilot"),
+    (Control.ASKED, Seen.OFFBOARD): (Control.HELD, "{ours} confirmed by the autopilot"),
     (Control.HELD, Seen.OFFBOARD_DISARMED): (Control.RELEASED, "the vehicle was disarmed"),
     (Control.HELD, Seen.SETTLED): (Control.RELEASED, "pilot or ground station chose {mode}"),
-    (Control.HELD, Seen.UNCLEAR): (Control.RELEASED, "the autopilot left Offboard for {mode}"),
-    (Control.HELD, Seen.FAILSAFE): (Control.RELEASED, "failsafe: the autopilot left Offboard for {mode}"),
+    (Control.HELD, Seen.UNCLEAR): (Control.RELEASED, "the autopilot left {ours} for {mode}"),
+    (Control.HELD, Seen.FAILSAFE): (Control.RELEASED, "failsafe: the autopilot left {ours} for {mode}"),
     (Control.GIVING_BACK, Seen.OFFBOARD_DISARMED): (Control.GIVEN_BACK, "disarmed"),
     (Control.GIVING_BACK, Seen.SETTLED): (Control.GIVEN_BACK, "handed over to {mode}"),
     (Control.GIVING_BACK, Seen.UNCLEAR): (Control.GIVEN_BACK, "handed over to {mode}"),
@@ -75,18 +91,24 @@ _ON_MODE: dict[tuple[Control, Seen], tuple[Control, str]] = {
 
 
 class Authority:
-    """The state of the table above; `loss_timeout_s` is the autopilot's COM_OF_LOSS_T."""
+    """The state of the table above; `loss_timeout_s` is the autopilot's COM_OF_LOSS_T (GUID_TIMEOUT)."""
 
-    def __init__(self, autopilot: Autopilot) -> None:
+    def __init__(self, autopilot: Autopilot, words: ModeWords = px4_modes.WORDS) -> None:
         self._autopilot = autopilot
+        self._words = words
         self.control = Control.NOT_HELD
         self.reason = "waiting for the autopilot's mode"
-        self.loss_timeout_s = 1.0
+        self.loss_timeout_s = words.loss_timeout_s
         self.refused = False
         """Whether OFFBOARD was asked for `ASKS` times in vain."""
+        self._rival = ""
+        self._rival_s = -inf
         self._blind_since_s = -inf
         """Mode messages up to this time prove nothing."""
         self._sent_s = nan
+        self._ready_s = nan
+        self._was_elsewhere = False
+        """Whether the mode message before the newest one showed another mode than ours."""
         self._asked_mode: int | None = None
         self._give_back_mode: int | None = None
         self._asks = 0
@@ -97,10 +119,12 @@ class Authority:
         ap = self._autopilot
         if ap.custom_mode is None or not ap.mode_s > self._blind_since_s:
             return Seen.NOTHING
-        if ap.custom_mode == px4_modes.OFFBOARD:
+        if ap.custom_mode == self._words.ours:
             return Seen.OFFBOARD if ap.armed else Seen.OFFBOARD_DISARMED
-        if ap.system_status >= STATUS_CRITICAL or ap.intended_mode == px4_modes.OFFBOARD:
+        if ap.system_status >= STATUS_CRITICAL or ap.intended_mode == self._words.ours:
             return Seen.FAILSAFE
+        if not self._words.tells_intention:
+            return Seen.SETTLED
         return Seen.SETTLED if ap.intended_mode == ap.custom_mode else Seen.UNCLEAR
 
     def may_stream(self, now_s: float) -> bool:
@@ -112,9 +136,12 @@ class Authority:
             return False
         if self.control is Control.GIVING_BACK:
             return self._give_back_mode is not None
-        if self.control in (Control.HELD, Control.ASKED):
+        if self.control is Control.HELD:
             return True
-        return self.control is Control.NOT_HELD and seen is Seen.SETTLED
+        if self._has_rival(now_s):
+            return False
+        early = self.control is Control.NOT_HELD and seen is Seen.SETTLED and self._words.stream_first
+        return early or self.control is Control.ASKED
 
     def why_not(self, now_s: float) -> str:
         """Return in words why no setpoint may leave now; empty where one may."""
@@ -124,10 +151,14 @@ class Authority:
             return "the autopilot is not heard"
         if self.control in (Control.RELEASED, Control.GIVING_BACK, Control.GIVEN_BACK):
             return self.reason
+        if self._has_rival(now_s):
+            return self._rival
+        ours = self._words.ours_name
         return {
             Seen.NOTHING: "waiting for a mode message newer than the gap",
-            Seen.OFFBOARD: "Offboard was active before this app streamed: choose another mode, then Offboard again",
-            Seen.OFFBOARD_DISARMED: "Offboard is selected on the ground: choose another mode first",
+            Seen.OFFBOARD: f"{ours} was active before this app was ready: choose another mode, then {ours} again",
+            Seen.OFFBOARD_DISARMED: f"{ours} is selected on the ground: choose another mode first",
+            Seen.SETTLED: "",
             Seen.FAILSAFE: "failsafe: a stream would take the aircraft by itself; choose a mode first",
             Seen.UNCLEAR: "the autopilot does not send CURRENT_MODE, so streaming early is not safe",
         }.get(seen := self.seen(), str(seen))
@@ -135,20 +166,60 @@ class Authority:
     def on_mode(self, now_s: float) -> None:
         """Walk the table after a HEARTBEAT or CURRENT_MODE."""
         seen = self.seen()
-        if self.control is Control.NOT_HELD and seen is Seen.OFFBOARD and self._primed(now_s, self.loss_timeout_s + 1):
-            self._to(Control.HELD, "the pilot selected Offboard")
+        if self.control is Control.NOT_HELD and seen is Seen.OFFBOARD and self._meant_for_us(now_s):
+            self._to(Control.HELD, f"the pilot selected {self._words.ours_name}")
         elif self._pilot_chose_while_asked(seen):
-            self._to(Control.RELEASED, f"pilot or ground station chose {self._mode()} while Offboard was asked for")
+            self._to(
+                Control.RELEASED,
+                f"pilot or ground station chose {self._mode()} while {self._words.ours_name} was asked for",
+            )
         elif row := _ON_MODE.get((self.control, seen)):
-            self._to(row[0], row[1].format(mode=self._mode()))
+            self._to(row[0], row[1].format(mode=self._mode(), ours=self._words.ours_name))
+        if seen is not Seen.NOTHING:
+            self._was_elsewhere = seen is not Seen.OFFBOARD and seen is not Seen.OFFBOARD_DISARMED
+
+    def _meant_for_us(self, now_s: float) -> bool:
+        if self._words.stream_first:
+            return self._primed(now_s, self.loss_timeout_s + 1)
+        return self._was_elsewhere and now_s - self._ready_s <= READY_WITHIN_S
 
     def _pilot_chose_while_asked(self, seen: Seen) -> bool:
-        others = (Seen.SETTLED, Seen.FAILSAFE, Seen.UNCLEAR)
-        return self.control is Control.ASKED and seen in others and self._autopilot.custom_mode != self._asked_mode
+        if self.control is not Control.ASKED or seen not in (Seen.SETTLED, Seen.FAILSAFE, Seen.UNCLEAR):
+            return False
+        ap = self._autopilot
+        return ap.custom_mode != self._asked_mode or ap.system_status >= STATUS_CRITICAL
+
+    def lost(self, reason: str) -> None:
+        """The autopilot is gone or has restarted: whatever it does now, it is not ours any more."""
+        if self.control in WITH_AUTHORITY:
+            self._to(Control.RELEASED, reason)
+
+    def rival(self, now_s: float, who: str, *, flies: bool) -> None:
+        """Somebody else speaks as this app, or (flies) sends setpoints to the vehicle. Never fought, never joined."""
+        self._rival_s = now_s
+        if flies:
+            self._rival = f"{who} sends setpoints to this vehicle: two must not fly it; stop one of them"
+            self.lost(self._rival)
+        else:
+            self._rival = (
+                f"another program on the link speaks as {who}: stop it (or the router that sends our own messages back)"
+            )
+
+    def _has_rival(self, now_s: float) -> bool:
+        return now_s - self._rival_s <= RIVAL_WITHIN_S
 
     def gap(self, now_s: float) -> None:
         """The app was away (a lag above half the loss timeout, SIGCONT, silence): believe only newer mode messages."""
         self._blind_since_s = now_s
+        self._was_elsewhere = False
+        silent_s = now_s - self._sent_s
+        stays = not self._words.leaves_when_silent
+        if self.control is Control.HELD and stays and silent_s > self.loss_timeout_s:
+            self._to(Control.RELEASED, f"no setpoint for {silent_s:.1f} s: the autopilot has taken over")
+
+    def ready(self, now_s: float) -> None:
+        """A pilot may engage at `now_s`: the beacon is heard, and nothing else flies. Called every tick while so."""
+        self._ready_s = now_s
 
     def sent(self, now_s: float) -> None:
         """A setpoint left at `now_s`."""
@@ -157,7 +228,7 @@ class Authority:
     def ask(self, now_s: float) -> None:
         """Ask for OFFBOARD (engage auto). Only from NOT_HELD; the verdict comes from the mode messages."""
         if self.control is Control.NOT_HELD:
-            self._to(Control.ASKED, "asking for Offboard")
+            self._to(Control.ASKED, f"asking for {self._words.ours_name}")
             self._asked_mode = self._autopilot.custom_mode
             self._asks, self._ask_next_s = 0, now_s
 
@@ -171,18 +242,22 @@ class Authority:
     def open_latch(self) -> bool:
         """The operator asks to be followed again after a release; only in a settled mode. Return whether it opened."""
         if self.control is Control.RELEASED and self.seen() is Seen.SETTLED:
-            self._to(Control.NOT_HELD, "released by the operator's command: Offboard may be selected again")
+            self._to(
+                Control.NOT_HELD, f"released by the operator's command: {self._words.ours_name} may be selected again"
+            )
             return True
         return False
 
     def poll(self, now_s: float) -> list[ModeRequest]:
         """Return the mode requests that are due."""
-        if self.control is Control.ASKED:
+        if not self._autopilot.heard(now_s):
+            self.lost(f"the autopilot was not heard for {SILENT_AFTER_S:g} s")
+        elif self.control is Control.ASKED:
             if self._primed(now_s, PRIMED_WITHIN_S) and now_s >= self._ask_next_s:
-                return self._ask(px4_modes.OFFBOARD, now_s)
+                return self._ask(self._words.ours, now_s)
         elif self.control is Control.GIVING_BACK and now_s >= self._ask_next_s:
             if self._give_back_mode is not None:
-                return self._ask(self._give_back_mode, now_s)
+                return self._ask(self._give_back_mode, now_s) if self.seen() is Seen.OFFBOARD else []
             if now_s >= self._ask_next_s + self.loss_timeout_s + ASK_AGAIN_S:
                 self._to(Control.GIVEN_BACK, "streaming stopped")
         return []
@@ -196,7 +271,7 @@ class Authority:
         return [ModeRequest(custom_mode)]
 
     def _in_vain(self, custom_mode: int) -> None:
-        wanted = px4_modes.name(custom_mode)
+        wanted = self._words.name(custom_mode)
         if self.control is Control.ASKED:
             self.refused = True
             self._to(Control.RELEASED, f"the autopilot did not enter {wanted} when asked {ASKS} times")
@@ -207,7 +282,7 @@ class Authority:
         return now_s - self._sent_s <= within_s
 
     def _mode(self) -> str:
-        return px4_modes.name(self._autopilot.custom_mode or 0)
+        return self._words.name(self._autopilot.custom_mode or 0)
 
     def _to(self, control: Control, reason: str) -> None:
         self.control, self.reason = control, reason

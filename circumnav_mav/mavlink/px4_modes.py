@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from circumnav_mav.mavlink.modes import ModeWords
+
 OFFBOARD = 0x00060000
 HOLD = 0x03040000
 RETURN = 0x05040000
@@ -27,11 +29,24 @@ _NAMES = {
 }
 
 
-def name(custom_mode: int) -> str:
-    """Return what QGroundControl calls the mode."""
-    return _NAMES.get(custom_mode, f"mode 0x{custom_mode:08x}")
-
-
 def main_and_sub(custom_mode: int) -> tuple[int, int]:
     """Return the two numbers that MAV_CMD_DO_SET_MODE takes as param2 and param3."""
     return custom_mode >> 16 & 0xFF, custom_mode >> 24 & 0xFF
+
+
+WORDS = ModeWords(
+    autopilot="PX4",
+    ours=OFFBOARD,
+    hold=HOLD,
+    return_=RETURN,
+    land=LAND,
+    names=_NAMES,  # QGroundControl's
+    split=main_and_sub,
+    stream_first=True,
+    leaves_when_silent=True,
+    tells_intention=True,
+    loss_timeout_s=1.0,
+    loss_parameter="COM_OF_LOSS_T",
+    parameters=("COM_OF_LOSS_T", "COM_OBL_RC_ACT"),
+)
+name = WORDS.name

@@ -1,24 +1,36 @@
-"""TurnRateSetpoint -> MAVLink, one encoder a vehicle class. The one place where the sign of the turn rate is flipped.
+"""Setpoint messages, and the one place where the sign of the turn rate is flipped. Vehicle classes are in vehicles/.
 
 A setpoint that is not finite or past its limits is a bug upstream: it raises, the app stops, the autopilot sees
-silence.
+silence. PX4 checks neither ranges nor NaN of an attitude setpoint (a NaN thrust stops the motors), so this does.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from math import cos, isfinite, isnan, sin
-from typing import Any, Protocol
+from math import cos, isfinite, pi, sin
+from typing import Any
 
 from circumnav_mav.mavlink.dialect import enums
 from circumnav_mav.types import TurnRateSetpoint
 
+G_M_S2 = 9.80665
 VELOCITY_AND_YAW_RATE = 1479
-"""type_mask: use vx, vy, vz and yaw_rate, ignore the rest. PX4 takes all three velocities or none."""
-VELOCITY_LAG_S = 0.6
-"""Lag of the course behind the nose on a PX4 multirotor (measured 0.59 s), taken out by lead_s."""
+"""SET_POSITION_TARGET_LOCAL_NED: use vx, vy, vz and yaw_rate. PX4 and ArduPilot take all three velocities or none."""
+CURVED_PATH = 3072
+"""SET_POSITION_TARGET_LOCAL_NED: use position, velocity and acceleration; ignore yaw and yaw rate."""
+ATTITUDE_AND_THRUST = 7
+"""SET_ATTITUDE_TARGET: use q and thrust, ignore the three body rates."""
+ATTITUDE_YAW_RATE_AND_THRUST = 3
+"""SET_ATTITUDE_TARGET: use q, body_yaw_rate and thrust."""
+ROLL_ALONE = 254
+"""SET_ATTITUDE_TARGET as ArduPlane wants it for roll alone: everything ignored but the roll rate, roll from q."""
+MOST_TILT_RAD = pi / 3
+"""No attitude past this leaves, whatever is configured: PX4's failure detector acts at 60 degrees."""
 ROUNDING = 1e-9
+
+Fields = dict[str, Any]
+Encoded = tuple[str, Fields]
+"""A message's name and its fields without the target ids."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,62 +65,73 @@ def checked(setpoint: TurnRateSetpoint, limits: SetpointLimits) -> TurnRateSetpo
     return setpoint
 
 
-class Encoder(Protocol):
-    """A vehicle class: what it needs of the autopilot, and how a setpoint becomes a message."""
-
-    name: str
-    needs: tuple[str, ...]
-    """Names of the messages without which this class cannot fly."""
-
-    def encode(self, setpoint: TurnRateSetpoint, height_m: float) -> tuple[str, dict[str, Any]]:
-        """Return (message name, its fields without the target ids). height_m: the present height, NaN unknown."""
-        ...
+def position_target(t_s: float, frame: int, type_mask: int, **used: float) -> Encoded:
+    """Return SET_POSITION_TARGET_LOCAL_NED with the fields `used`, the others 0. Raises SetpointError for a NaN."""
+    fields: Fields = {"time_boot_ms": boot_ms(t_s), "coordinate_frame": frame, "type_mask": type_mask}
+    fields |= dict.fromkeys(("x", "y", "z", "vx", "vy", "vz", "afx", "afy", "afz", "yaw", "yaw_rate"), 0.0)
+    fields |= used
+    if not all(isfinite(value) for value in used.values()):
+        raise SetpointError(f"a setpoint that is not finite must not be sent: {used}")
+    return "SET_POSITION_TARGET_LOCAL_NED", fields
 
 
-class Px4Multirotor:
-    """BODY_NED velocity and yaw rate; height held through the vertical speed.
-
-    lead_s: the velocity loop lags the nose by about 0.6 s (measured: sideslip = -0.59 s x yaw rate), so the velocity is
-    turned ahead of the nose by lead_s x yaw rate; the course then follows the yaw rate without that lag.
-    """
-
-    name: str = "px4_multirotor"
-    needs: tuple[str, ...] = ("ATTITUDE", "LOCAL_POSITION_NED")
-
-    HEIGHT_GAIN_PER_S = 0.5
-
-    def __init__(self, limits: SetpointLimits, lead_s: float) -> None:
-        self._limits = limits
-        self._lead_s = lead_s
-
-    def encode(self, setpoint: TurnRateSetpoint, height_m: float) -> tuple[str, dict[str, Any]]:
-        """Return SET_POSITION_TARGET_LOCAL_NED, frame BODY_NED, mask 1479 (PX4 takes frames 1 and 8 only)."""
-        sp = checked(setpoint, self._limits)
-        yaw_rate = yaw_rate_rad_s(sp.turn_rate_rad_s)
-        ahead = self._lead_s * yaw_rate
-        return "SET_POSITION_TARGET_LOCAL_NED", {
-            "time_boot_ms": int(sp.t_s * 1000) & 0xFFFFFFFF,
-            "coordinate_frame": enums.MAV_FRAME_BODY_NED,
-            "type_mask": VELOCITY_AND_YAW_RATE,
-            "x": 0.0,
-            "y": 0.0,
-            "z": 0.0,
-            "vx": sp.speed_m_s * cos(ahead),
-            "vy": sp.speed_m_s * sin(ahead),
-            "vz": -self._climb(sp.height_m, height_m),
-            "afx": 0.0,
-            "afy": 0.0,
-            "afz": 0.0,
-            "yaw": 0.0,
-            "yaw_rate": yaw_rate,
-        }
-
-    def _climb(self, wanted_m: float, height_m: float) -> float:
-        if isnan(wanted_m) or isnan(height_m):
-            return 0.0
-        most = self._limits.climb_m_s
-        return max(-most, min(most, self.HEIGHT_GAIN_PER_S * (wanted_m - height_m)))
+def body_velocity(t_s: float, forward_m_s: float, right_m_s: float, down_m_s: float, yaw_rate: float) -> Encoded:
+    """Return a velocity along the present heading and a yaw rate (BODY_NED, mask 1479)."""
+    frame = enums.MAV_FRAME_BODY_NED
+    return position_target(
+        t_s, frame, VELOCITY_AND_YAW_RATE, vx=forward_m_s, vy=right_m_s, vz=down_m_s, yaw_rate=yaw_rate
+    )
 
 
-ENCODERS: dict[str, Callable[[SetpointLimits, float], Encoder]] = {Px4Multirotor.name: Px4Multirotor}
-"""The vehicle classes by the name that a configuration gives. A new one is a class and a line here."""
+def attitude(
+    t_s: float,
+    type_mask: int,
+    *,
+    roll_rad: float,
+    pitch_rad: float,
+    yaw_rad: float,
+    thrust: float,
+    yaw_rate_rad_s: float = 0.0,
+) -> Encoded:
+    """Return SET_ATTITUDE_TARGET. Raises SetpointError where anything is not finite or out of its range."""
+    if not all(isfinite(v) for v in (roll_rad, pitch_rad, yaw_rad, thrust, yaw_rate_rad_s)):
+        raise SetpointError(
+            f"an attitude that is not finite must not be sent: roll {roll_rad}, pitch {pitch_rad}, yaw {yaw_rad}, "
+            f"thrust {thrust}, yaw rate {yaw_rate_rad_s}"
+        )
+    if abs(roll_rad) > MOST_TILT_RAD or abs(pitch_rad) > MOST_TILT_RAD:
+        raise SetpointError(f"roll {roll_rad:.3f} or pitch {pitch_rad:.3f} rad is past {MOST_TILT_RAD:.3f} rad")
+    if not 0.0 <= thrust <= 1.0:
+        raise SetpointError(f"thrust {thrust:.3f} is not within 0..1")
+    return "SET_ATTITUDE_TARGET", {
+        "time_boot_ms": boot_ms(t_s),
+        "type_mask": type_mask,
+        "q": quaternion(roll_rad, pitch_rad, yaw_rad),
+        "body_roll_rate": 0.0,
+        "body_pitch_rate": 0.0,
+        "body_yaw_rate": yaw_rate_rad_s,
+        "thrust": thrust,
+    }
+
+
+def quaternion(roll_rad: float, pitch_rad: float, yaw_rad: float) -> tuple[float, float, float, float]:
+    """Return (w, x, y, z) of a rotation by yaw, then pitch, then roll, as MAVLink has it."""
+    cr, sr = cos(roll_rad / 2), sin(roll_rad / 2)
+    cp, sp = cos(pitch_rad / 2), sin(pitch_rad / 2)
+    cy, sy = cos(yaw_rad / 2), sin(yaw_rad / 2)
+    return (
+        cr * cp * cy + sr * sp * sy,
+        sr * cp * cy - cr * sp * sy,
+        cr * sp * cy + sr * cp * sy,
+        cr * cp * sy - sr * sp * cy,
+    )
+
+
+def boot_ms(t_s: float) -> int:
+    """Return the time field of a setpoint; both autopilots ignore it."""
+    return int(t_s * 1000) & 0xFFFFFFFF
+
+
+def within(value: float, low: float, high: float) -> float:
+    """Return the value, or the bound that it is past."""
+    return max(low, min(high, value))

@@ -2,28 +2,44 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
+from circumnav_mav.mavlink.dialect import enums
+
 WANTED_HZ: dict[str, float] = {
     # It follows the mode: 2 Hz and at once on every change, where HEARTBEAT comes at 1 Hz only.
     "CURRENT_MODE": 10.0,
     "ATTITUDE": 50.0,
     "LOCAL_POSITION_NED": 10.0,
     "GLOBAL_POSITION_INT": 5.0,
+    "VFR_HUD": 5.0,
+    "ESTIMATOR_STATUS": 1.0,
     "EXTENDED_SYS_STATE": 2.0,
     "SYS_STATUS": 1.0,
 }
-"""Messages the app lives on, by rate. A vehicle class adds its own."""
+"""Messages the app lives on with a PX4, by rate. A vehicle class changes and adds its own."""
+
+ARDUPILOT_HZ: dict[str, float] = {
+    # Its mode is in an extra HEARTBEAT on every change. A plane's loop runs at 50 Hz and refuses more than 40.
+    "ATTITUDE": 25.0,
+    "LOCAL_POSITION_NED": 10.0,
+    "GLOBAL_POSITION_INT": 5.0,
+    "VFR_HUD": 5.0,
+    "EKF_STATUS_REPORT": 1.0,
+    "EXTENDED_SYS_STATE": 2.0,
+    "SYS_STATUS": 1.0,
+}
+"""The same with an ArduPilot, which sends little or nothing by itself."""
 
 UNWANTED: tuple[str, ...] = (
     "ODOMETRY",
     "HIGHRES_IMU",
     "ATTITUDE_QUATERNION",
     "ALTITUDE",
-    "VFR_HUD",
     "ATTITUDE_TARGET",
     "POSITION_TARGET_LOCAL_NED",
     "SERVO_OUTPUT_RAW",
     "GPS_RAW_INT",
-    "ESTIMATOR_STATUS",
     "OPEN_DRONE_ID_LOCATION",
     "OPEN_DRONE_ID_SYSTEM",
     "SCALED_PRESSURE",
@@ -31,8 +47,15 @@ UNWANTED: tuple[str, ...] = (
     "NAV_CONTROLLER_OUTPUT",
     "MISSION_CURRENT",
     "PING",
+    # The autopilot's own: its range finder that looks down, and echoes of the radio's ranges. Never flown on.
+    "DISTANCE_SENSOR",
 )
 """Default streams of PX4's onboard link that nothing here reads: three quarters of its 24 kB/s."""
+
+
+def unwanted(autopilot: int, wanted: Collection[str]) -> list[str]:
+    """Return the streams to turn off; an ArduPilot sends none of them and would complain of each in words."""
+    return sorted(set(UNWANTED) - set(wanted)) if autopilot == enums.MAV_AUTOPILOT_PX4 else []
 
 
 def interval_us(rate_hz: float) -> float:

@@ -95,6 +95,7 @@ class App:
         loop = asyncio.get_running_loop()
         for signum in (signal.SIGINT, signal.SIGTERM):
             loop.add_signal_handler(signum, self._on_signal, signum)
+        loop.add_signal_handler(signal.SIGCONT, self.flight.stopped)
         scheduling = settle()
         try:
             for name, link in self._links.items():
@@ -126,19 +127,20 @@ class App:
         self._ticks += 1
         self._missed += missed
         self._lateness_s = max(lateness_s, 0.9 * self._lateness_s)
-        half_loss_s = self.flight.link.authority.loss_timeout_s / 2
-        if now_s - self._last_tick_s > half_loss_s:
-            # Everything that waited in the sockets is older than the gap: take it in first, then ask for news.
-            for link in self._links.values():
-                link.drain()
-            now_s = self._clock.now()
-            self._send(self.flight.after_gap(now_s))
+        now_s, first = self.flight.resume(now_s, self._take_in)
+        self._send(first)
         self._last_tick_s = now_s
         frames, record = self.flight.tick(now_s, lateness_s, missed)
         self._send(frames)
         self._recorder.tick(record)
         self._watch(now_s, record)
         return self._verdict is None and not self.flight.done
+
+    def _take_in(self) -> float:
+        """Read the links dry; return the time."""
+        for link in self._links.values():
+            link.drain()
+        return self._clock.now()
 
     def _send(self, frames: list[bytes]) -> None:
         link = self._links[VEHICLE]
@@ -184,6 +186,8 @@ class App:
         if now_s >= self._end_by_s:
             return "stopped", "the autopilot did not confirm the end; setpoints have stopped"
         if now_s >= options.wait_s and not flight.engaged_s < inf:
+            if flight.unfit is not None:
+                return "refused", flight.unfit.text
             if phase is Phase.WAITING_AUTOPILOT:
                 return "no_autopilot", no_autopilot(self._config.vehicle.link, flight)
             if phase is Phase.WAITING_RANGE:
@@ -253,7 +257,7 @@ class App:
             return no_range(self.flight)
         if phase is Phase.READY:
             why_not = self.flight.link.authority.why_not(now_s)
-            return why_not or "select Offboard to engage"
+            return why_not or f"select {self.flight.words.ours_name} to engage"
         return ""
 
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 import json
 import math
 import time
+from concurrent.futures import Executor
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -111,12 +112,15 @@ TITLES = {
 }
 
 
-def run(options: Options, progress: Progress | None = None) -> StudyResult:
-    """Fly the whole study. The compiler runs before the clock of `elapsed_s` starts."""
+def run(options: Options, progress: Progress | None = None, executor: Executor | None = None) -> StudyResult:
+    """Fly the whole study. The compiler runs before the clock of `elapsed_s` starts, but not that of an executor's."""
     cases = options.cases()
-    paper_run.sweep(cases[:1], 1, options.seed, workers=1)
+    if executor is None:
+        paper_run.sweep(cases[:1], 1, options.seed, workers=1)
     begun_s = time.perf_counter()
-    rows = paper_run.sweep(cases, options.runs, options.seed, workers=options.workers, progress=progress)
+    rows = paper_run.sweep(
+        cases, options.runs, options.seed, workers=options.workers, executor=executor, progress=progress
+    )
     elapsed_s = time.perf_counter() - begun_s
     steps = len(cases) * options.runs * cases[0].plant.steps
     return StudyResult(options, rows.reshape(len(AIRS), len(options.gains_rad_m), options.runs), elapsed_s, steps)

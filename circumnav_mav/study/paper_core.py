@@ -10,21 +10,15 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from functools import cache
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from circumnav_mav.guidance.kernel import Estimate
-
-numba: Any
-try:
-    import numba
-except ImportError:  # the study then runs as plain Python
-    numba = None
+from circumnav_mav.study.kernels import compiled
 
 Floats = NDArray[np.float64]
-F = TypeVar("F", bound=Callable[..., Any])
 
 LANES = 16
 """Trajectories flown side by side. Short batches are padded: a trajectory's arithmetic never depends on its company."""
@@ -36,21 +30,18 @@ SUMS = ("error", "error2", "rdot2", "u2")
 """What a block sums over the control instants: r - r_a, its square, r_dot^2 (the true one) and u^2."""
 
 
-def compiled(function: F, *, inline: bool = False) -> F:
-    """Compile with numba where it is there. Division as in C, and fused multiply-adds: nothing else is loosened.
+def _unbound(*_: Any) -> float:
+    raise NotImplementedError("bound by `program`")
 
-    `inline` puts the function's code into its callers, without which a loop over trajectories does not vectorise.
-    """
-    if numba is None:
-        return function
-    made: F = numba.njit(function, error_model="numpy", fastmath={"contract"}, nogil=True, forceinline=inline)
-    return made
+
+LAW: Callable[..., float] = _unbound
+"""The law that flies, in `batch` and in setwise.visit: `program` binds it."""
 
 
 @cache
-def compiled_law(turn_rate: Callable[..., float]) -> Callable[..., float]:
-    """Return the compiled twin of a registered law: the very function that flies."""
-    return compiled(turn_rate, inline=True)
+def program(kernel: Callable[..., Any], turn_rate: Callable[..., float]) -> Callable[..., Any]:
+    """Return a kernel of the study compiled around a registered law: the very function that flies."""
+    return compiled(kernel, {"LAW": turn_rate}, side_by_side=True)
 
 
 # Taylor series of sin(g)/g and cos(g) in g^2, to the last bit for |g| <= pi/2.
@@ -61,7 +52,7 @@ PI_REST = 1.2246467991473532e-16  # pi less the float nearest to it
 ROUND = 1.5 * 2.0**52  # adding and taking away this rounds to the nearest whole number
 
 
-def _sin_cos(angle: float) -> tuple[float, float]:
+def sin_cos(angle: float) -> tuple[float, float]:
     """Return sin and cos [error below 1e-15 while |angle| < 1e3 rad], without a branch or a library call."""
     turns = (angle * ONE_BY_PI + ROUND) - ROUND
     g = (angle - turns * math.pi) - turns * PI_REST
@@ -74,10 +65,7 @@ def _sin_cos(angle: float) -> tuple[float, float]:
     return sign * g * s, sign * c
 
 
-sin_cos = compiled(_sin_cos, inline=True)
-
-
-def _advance(
+def advance(
     x: float, y: float, c: float, s: float, u: float, V: float, hold_s: float, wx: float, wy: float
 ) -> tuple[float, float, float, float]:
     """Return position [m] and heading (c, s) after turning at u [rad/s] for hold_s [s]: exact arc, plus wind."""
@@ -92,11 +80,7 @@ def _advance(
     return x, y, c * scale, s * scale
 
 
-advance = compiled(_advance, inline=True)
-
-
-def _batch(
-    law: Callable[..., float],
+def batch(
     par: Any,
     plant: tuple[float, float, float, float, float],  # V, hold_s, wx, wy, r_a
     start: Floats,  # (4, n): x, y, cos psi, sin psi; n a multiple of LANES
@@ -131,7 +115,7 @@ def _batch(
                 r = math.sqrt(x[j] * x[j] + y[j] * y[j])
                 r_dot = (x[j] * (V * c[j] + wx) + y[j] * (V * s[j] + wy)) / r
                 # asked[j] still holds the turn rate flown until now
-                u = law(Estimate(r, r_dot + nu[j], V, asked[j], math.nan, math.nan, -x[j], -y[j], wx, wy), par)
+                u = LAW(Estimate(r, r_dot + nu[j], V, asked[j], math.nan, math.nan, -x[j], -y[j], wx, wy), par)
                 asked[j] = u
                 e = r - r_a
                 error[j] += e
@@ -143,9 +127,6 @@ def _batch(
         for q in range(4):
             for j in range(LANES):
                 sums[1, q, block + j] = total[q, j]
-
-
-batch = compiled(_batch)
 
 
 def plain_step(

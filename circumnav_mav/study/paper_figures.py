@@ -14,13 +14,12 @@ from matplotlib.patches import Circle
 from matplotlib.ticker import NullLocator
 
 from circumnav_mav.guidance import feasibility
-from circumnav_mav.guidance.laws import LAWS
 from circumnav_mav.guidance.laws.hashemi2013 import inner_radius
 from circumnav_mav.study import paper_run
 from circumnav_mav.study.paper import LAW, Options, StudyResult
 from circumnav_mav.study.paper_run import Plant, Progress
 
-OUTER_ALONE = "outer_only"
+OUTER_ALONE = "hashemi2013_outer"
 """The registered law of eq. (u_o-defn): zero control inside r_s."""
 
 PATH, ORBIT, TANGENT, TAIL = "tab:blue", "tab:red", "black", "tab:orange"
@@ -32,15 +31,13 @@ class Picture:
     stem: str
     title: str
     paint: Callable[[Axes, StudyResult], None]
-    law: str = LAW
 
 
 def draw(result: StudyResult, folder: Path, progress: Progress | None = None) -> list[Path]:
     """Write every figure as PNG and SVG into the folder, and return the files."""
     folder.mkdir(parents=True, exist_ok=True)
     files = []
-    pictures = [picture for picture in PICTURES if picture.law in LAWS]
-    for done, picture in enumerate(pictures, start=1):
+    for done, picture in enumerate(PICTURES, start=1):
         figure = Figure(figsize=(5.0, 4.4))
         axes = figure.add_axes((0.13, 0.11, 0.84, 0.82))
         picture.paint(axes, result)
@@ -49,7 +46,7 @@ def draw(result: StudyResult, folder: Path, progress: Progress | None = None) ->
             files.append(folder / f"figure_{picture.number:02d}_{picture.stem}.{kind}")
             figure.savefig(files[-1], dpi=110)
         if progress is not None:
-            progress(done, len(pictures))
+            progress(done, len(PICTURES))
     return files
 
 
@@ -130,9 +127,12 @@ def _means(air: str, what: str) -> Callable[[Axes, StudyResult], None]:
 
 
 PICTURES = (
-    Picture(1, "outer_law_small_gain", "$u_o$ alone, k = 0.2", _flight(OUTER_ALONE, 0.2), OUTER_ALONE),
+    Picture(1, "outer_law_small_gain", "$u_o$ alone, k = 0.2", _flight(OUTER_ALONE, 0.2)),
     Picture(
-        2, "outer_law_large_gain", "$u_o$ alone, k = 1, cuts across the circle", _flight(OUTER_ALONE, 1.0), OUTER_ALONE
+        2,
+        "outer_law_large_gain",
+        "$u_o$ alone, k = 1, cuts across the circle",
+        _flight(OUTER_ALONE, 1.0),
     ),
     Picture(3, "law_from_outside", "u from outside, k = 1", _flight(LAW, 1.0)),
     Picture(4, "law_from_inside", r"u from $r_{i-}$, $\theta = 3\pi/2$, k = 1", _from_inside),

@@ -36,8 +36,8 @@ Progress = Callable[[int, int], None]
 KNOWN = frozenset(("r", "r_dot", "V", "u", "px", "py", "wx", "wy"))
 """What the plant tells a law without an estimator: the truth, with noise on r_dot."""
 
-CHUNK = 128
-"""Runs flown in one task."""
+CHUNK, FAR_CHUNK = 128, 1024
+"""Runs flown in one task: by a thread of this process, and by an executor, whose tasks cost a millisecond each."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,8 +86,12 @@ def case(law: str, options: dict[str, float], plant: Plant, stream: int = 0) -> 
         raise ValueError("start somewhere else than on the target itself: there is no range rate there")
     if plant.steps < 1 or not 0.0 < plant.tail <= 1.0:
         raise ValueError("the run must last at least one hold, and the tail be a share above 0 and up to 1")
-    context = LawContext(r_a=plant.r_a_m, V=plant.V_m_s, turn_rate_limit=math.inf, turn_lag_s=0.0)
-    return Case(law, entry.parameters(options, context), plant, stream)
+    return Case(law, entry.parameters(options, law_context(plant)), plant, stream)
+
+
+def law_context(plant: Plant) -> LawContext:
+    """Return what a law may know of this plant: it turns at once and as sharply as asked."""
+    return LawContext(r_a=plant.r_a_m, V=plant.V_m_s, turn_rate_limit=math.inf, turn_lag_s=0.0)
 
 
 def normals(seed: int, stream: int, first: int, count: int, steps: int) -> core.Floats:
@@ -127,9 +131,9 @@ def fly_in(one: Case, start: core.Floats, noise: core.Floats) -> Table:
     if fill:
         start, noise = np.pad(start, ((0, 0), (0, fill)), mode="edge"), np.pad(noise, ((0, fill), (0, 0)), mode="edge")
     sums = np.empty((2, len(core.SUMS), len(noise)))
-    law = core.compiled_law(LAWS[one.law].turn_rate)
+    batch = core.program(core.batch, LAWS[one.law].turn_rate)
     delay = round(plant.delay_s / plant.hold_s)
-    core.batch(law, one.parameters, plant.kernel, start, noise, delay, tail_from, sums)
+    batch(one.parameters, plant.kernel, start, noise, delay, tail_from, sums)
     for what, early, late in zip(("bias", "mse", "rdot2", "u2"), sums[0], sums[1], strict=True):
         rows[f"{what}_all"] = (early + late)[: len(rows)] / steps
         rows[f"{what}_tail"] = late[: len(rows)] / (steps - tail_from)
@@ -148,13 +152,13 @@ def sweep(
     """Return RESULT rows (cases, runs). `executor` takes the tasks elsewhere; else threads, by default one a core."""
     rows = np.empty((len(cases), runs), RESULT)
     own = ThreadPoolExecutor(workers or os.cpu_count() or 1) if executor is None else None
-    pool = own or executor
+    pool, chunk = own or executor, CHUNK if executor is None else FAR_CHUNK
     assert pool is not None
     try:
         tasks = {
-            pool.submit(fly, one, seed, first, min(CHUNK, runs - first)): (index, first)
+            pool.submit(fly, one, seed, first, min(chunk, runs - first)): (index, first)
             for index, one in enumerate(cases)
-            for first in range(0, runs, CHUNK)
+            for first in range(0, runs, chunk)
         }
         for done, future in enumerate(as_completed(tasks), start=1):
             index, first = tasks[future]

@@ -76,10 +76,12 @@ def test_a_mirrored_estimate_keeps_range_and_rate():
 
 
 @pytest.mark.parametrize("law", LAWS.values(), ids=LAWS)
-def test_every_law_turns_clockwise_on_its_own_orbit(law):
-    """Whatever a law reads: on the orbit, in still air, it must keep the orbit."""
-    est = Estimate(
-        r=50.0, r_dot=0.0, V=5.0, u=-0.1, theta=math.pi / 2, psi=math.pi / 2, px=50.0, py=0.0, wx=0.0, wy=0.0
-    )
+def test_every_law_turns_towards_the_clockwise_orbit(law):
+    """Whatever a law reads: too far and opening, it turns tighter than the orbit; too near and closing, less."""
     par = law.parameters(dict(law.options), CONTEXT)
-    assert law.turn_rate(est, par) == pytest.approx(-0.1, rel=0.35)
+    for r, r_dot, side in ((55.0, 1.5, -1.0), (45.0, -1.5, +1.0)):
+        theta = math.acos(-r_dot / 5.0)
+        # Heading north; the target lies to the right, theta away from the heading.
+        px, py = r * math.sin(theta), r * math.cos(theta)
+        est = Estimate(r, r_dot, 5.0, -0.1, theta, math.pi / 2, px, py, 0.0, 0.0)
+        assert side * (law.turn_rate(est, par) + 0.1) > 0.0

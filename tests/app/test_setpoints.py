@@ -6,14 +6,19 @@ import math
 
 import pytest
 
-from circumnav_mav.mavlink.setpoints import Px4Multirotor, SetpointError, SetpointLimits
+from circumnav_mav.mavlink.autopilot import VehicleState
+from circumnav_mav.mavlink.setpoints import SetpointError, SetpointLimits
+from circumnav_mav.mavlink.vehicles.plug import Options
+from circumnav_mav.mavlink.vehicles.velocity import Velocity
 from circumnav_mav.types import TurnRateSetpoint
 
 LIMITS = SetpointLimits(turn_rate_rad_s=0.8, speed_m_s=5.0)
 
 
 def encode(turn_rate: float, speed: float = 5.0, wanted_m: float = math.nan, height_m: float = math.nan, lead_s=0.6):
-    name, fields = Px4Multirotor(LIMITS, lead_s).encode(TurnRateSetpoint(1.0, turn_rate, speed, wanted_m), height_m)
+    options = Options(LIMITS, 5.0, 0.5, lead_s, math.nan, math.nan)
+    setpoint = TurnRateSetpoint(1.0, turn_rate, speed, wanted_m)
+    name, fields = Velocity(options).encode(setpoint, VehicleState(height_m=height_m), 1.0)
     assert name == "SET_POSITION_TARGET_LOCAL_NED"
     return fields
 

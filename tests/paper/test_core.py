@@ -11,6 +11,7 @@ from circumnav_mav.guidance.kernel import Estimate
 from circumnav_mav.guidance.laws import LAWS
 from circumnav_mav.study import paper_core as core
 from circumnav_mav.study import paper_run as run
+from circumnav_mav.study.kernels import compiled
 from tests.paper import bench_core
 
 WINDY = run.Plant(wind_x_m_s=0.2, wind_y_m_s=-0.1)
@@ -32,20 +33,22 @@ def states(count, seed=5):
 
 
 def test_one_step_of_the_compiled_core_is_that_of_the_plain_one():
-    compiled_law = core.compiled_law(LAWS["hashemi2013"].turn_rate)
+    compiled_law = compiled(LAWS["hashemi2013"].turn_rate, side_by_side=True)
+    advance = compiled(core.advance, side_by_side=True)
     for x, y, psi, nu, k in states(5000):
         one = paper_case(k, WINDY)
         (x1, y1, psi1), r, r_dot, u = core.plain_step(
             LAWS["hashemi2013"].turn_rate, one.parameters, (x, y, psi), nu, 0.0, one.plant.kernel
         )
         assert compiled_law(Estimate(r, r_dot + nu, 1.0), one.parameters) == pytest.approx(u, abs=1e-12, rel=0)
-        after = core.advance(x, y, math.cos(psi), math.sin(psi), u, 1.0, 0.5, 0.2, -0.1)
+        after = advance(x, y, math.cos(psi), math.sin(psi), u, 1.0, 0.5, 0.2, -0.1)
         assert after == pytest.approx((x1, y1, math.cos(psi1), math.sin(psi1)), abs=1e-12, rel=0)
 
 
 def test_own_sine_and_cosine_are_those_of_the_library():
+    sin_cos = compiled(core.sin_cos, side_by_side=True)
     for angle in np.concatenate([np.linspace(-8, 8, 4001), np.linspace(-900, 900, 997), [0.0, 1e-300]]).tolist():
-        assert core.sin_cos(angle) == pytest.approx((math.sin(angle), math.cos(angle)), abs=1e-15 + 1e-16 * abs(angle))
+        assert sin_cos(angle) == pytest.approx((math.sin(angle), math.cos(angle)), abs=1e-15 + 1e-16 * abs(angle))
 
 
 def test_a_full_turn_comes_back_and_no_turn_goes_straight():

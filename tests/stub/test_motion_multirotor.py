@@ -80,14 +80,14 @@ def test_wind_pushes_and_is_taken_up() -> None:
 
 
 def test_frame_1_holds_a_height() -> None:
-    rig = flying(height_m=25.0, height_drift_m_s=0.04)
+    rig = flying(height_m=25.0, height_drift_m_s=0.04, local_z_error_m=0.0)
     rig.enter_offboard(lambda _: rig.local(frame=1, mask=1507, place=(0, 0, -30.0), velocity=(5.0, 0.0, 0.0)))
     rig.run(15.0)
     assert rig.stub.truth().height_m == pytest.approx(30.0, abs=0.2)
 
 
 def test_position_is_held() -> None:
-    rig = flying()
+    rig = flying(local_z_error_m=0.0)
     rig.enter_offboard(lambda _: rig.local(frame=1, mask=0b110111111000, place=(40.0, -20.0, -20.0)))
     rig.run(30.0)
     truth = rig.stub.truth()
@@ -124,3 +124,109 @@ def test_position_is_the_integral_of_velocity() -> None:
         east += 0.005 * (a.speed_m_s * math.cos(a.course_rad) + b.speed_m_s * math.cos(b.course_rad))
     after = rig.stub.truth()
     assert (after.north_m - before.north_m, after.east_m - before.east_m) == pytest.approx((north, east), abs=1e-3)
+
+
+def test_heights_wander_with_velocity_setpoints() -> None:
+    """vz = 0 is only a velocity: +4.5 / -2 m in 30 s were seen, and 0 to 1.2 m in other runs."""
+    ends = []
+    for seed in range(1, 9):
+        rig = flying(seed=seed, height_drift_m_s=0.04)
+        rig.enter_offboard(lambda _, rig=rig: rig.local(velocity=(5.0, 0.0, 0.0)))
+        rig.run(30.0)
+        ends.append(rig.stub.truth().height_m - 30.0)
+    assert 0.3 < max(map(abs, ends)) < 4.5
+
+
+# -- SET_ATTITUDE_TARGET -----------------------------------------------------------------------------------------
+
+HOVER = 0.489
+
+
+def yawing(kind: str) -> Rig:
+    rig = flying()
+    rig.stream_period_s = 0.02
+    rig.enter_offboard(lambda _: rig.attitude(0.0, 0.0, 0.0, HOVER))
+    rig.run(3.0)
+    began_s = rig.now_s
+    shown: list[float] = []
+
+    def setpoint(now_s: float) -> object:
+        yaw = 0.25 * (now_s - began_s)
+        shown.append(rig.stub.autopilot.vehicle.yaw)
+        present = shown[-2] if len(shown) > 1 else 0.0  # from ATTITUDE, a tick old
+        return {
+            "mask 7, yaw integrated": rig.attitude(0.0, 0.0, yaw, HOVER),
+            "mask 3, yaw integrated": rig.attitude(0.0, 0.0, yaw, HOVER, mask=3, yaw_rate=0.25),
+            "mask 3, present yaw": rig.attitude(0.0, 0.0, present, HOVER, mask=3, yaw_rate=0.25),
+            "mask 7, present yaw": rig.attitude(0.0, 0.0, present, HOVER),
+        }[kind]
+
+    rig.streaming = setpoint
+    return rig
+
+
+@pytest.mark.parametrize(
+    ("kind", "steady"),
+    [
+        ("mask 7, yaw integrated", 0.25),
+        ("mask 3, yaw integrated", 0.25),
+        ("mask 3, present yaw", 0.2369),
+        ("mask 7, present yaw", 0.0),
+    ],
+)
+def test_yaw_of_attitude_setpoints(kind: str, steady: float) -> None:
+    rig = yawing(kind)
+    rig.run(6.0)
+    rates = []
+    for _ in range(100):
+        rig.run(0.05)
+        rates.append(-rig.stub.truth().turn_rate_rad_s)
+    assert sum(rates) / len(rates) == pytest.approx(steady, abs=0.012)
+
+
+def test_feed_forward_makes_the_yaw_faster() -> None:
+    slow, fast = yawing("mask 7, yaw integrated"), yawing("mask 3, yaw integrated")
+    times = [first_time(r, lambda r=r: -r.stub.truth().turn_rate_rad_s >= 0.63 * 0.25, 4.0) for r in (slow, fast)]
+    assert times[1] == pytest.approx(0.38, rel=0.25)
+    assert times[0] > 1.3 * times[1]
+
+
+@pytest.mark.parametrize(("roll", "pitch", "north", "east"), [(0.1, 0.0, 0, 1), (0.0, -0.1, 1, 0), (0.0, 0.1, -1, 0)])
+def test_tilt_accelerates_that_way(roll: float, pitch: float, north: int, east: int) -> None:
+    rig = flying(start_heading_rad=math.pi / 2)
+    rig.enter_offboard(lambda _: rig.attitude(roll, pitch, 0.0, HOVER))
+    rig.run(2.0)
+    truth = rig.stub.truth()
+    vn, ve = truth.speed_m_s * math.sin(truth.course_rad), truth.speed_m_s * math.cos(truth.course_rad)
+    # g tan(0.1) pushes, the air holds back: v = a / k (1 - exp(-k t)), less the time that tilting takes
+    expected = 9.80665 * math.sin(0.1) / 0.15 * (1.0 - math.exp(-0.15 * 1.9))
+    assert (vn, ve) == pytest.approx((north * expected, east * expected), abs=0.15)
+
+
+def test_attitude_mode_drifts_with_the_wind() -> None:
+    rig = flying(wind_east_m_s=6.0)
+    rig.enter_offboard(lambda _: rig.attitude(0.0, 0.0, 0.0, HOVER))
+    rig.run(40.0)
+    truth = rig.stub.truth()
+    assert truth.speed_m_s == pytest.approx(6.0, abs=0.3)
+    assert truth.course_rad == pytest.approx(0.0, abs=0.05)
+
+
+def test_gusts_have_the_size_asked_for() -> None:
+    rig = Rig(gust_sigma_m_s=2.0, gust_tau_s=1.0)
+    winds = []
+    for _ in range(600):
+        rig.run(1.0, dt_s=1.0)
+        winds.append(rig.stub.truth().wind_east_m_s)
+    mean = sum(winds) / len(winds)
+    assert math.sqrt(sum((w - mean) ** 2 for w in winds) / len(winds)) == pytest.approx(2.0, rel=0.15)
+
+
+def test_a_wrong_compass_turns_body_velocities() -> None:
+    error = math.radians(20.0)
+    rig = flying(compass_error_rad=error, streams=(30,))
+    rig.enter_offboard(lambda _: rig.local(velocity=(5.0, 0.0, 0.0)))
+    rig.run(6.0)
+    truth = rig.stub.truth()
+    assert rig.all("ATTITUDE")[-1].yaw == pytest.approx(error, abs=0.01)
+    assert math.remainder(truth.course_rad - truth.heading_rad, 2 * math.pi) == pytest.approx(-error, abs=0.01)

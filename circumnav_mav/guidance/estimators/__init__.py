@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from circumnav_mav.guidance.estimators import direct
+from circumnav_mav.guidance.estimators import direct, drift, polar, raw
 from circumnav_mav.guidance.estimators.flying import FlyingEstimator
 from circumnav_mav.guidance.kernel import Estimator, EstimatorContext
 
-ESTIMATORS: dict[str, Estimator] = {estimator.name: estimator for estimator in (direct.ESTIMATOR,)}
+ESTIMATORS: dict[str, Estimator] = {
+    estimator.name: estimator for estimator in (raw.ESTIMATOR, direct.ESTIMATOR, polar.ESTIMATOR, drift.ESTIMATOR)
+}
 
 
 def make(name: str, options: Mapping[str, float], context: EstimatorContext) -> FlyingEstimator:

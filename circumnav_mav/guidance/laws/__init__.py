@@ -3,6 +3,17 @@
 from __future__ import annotations
 
 from circumnav_mav.guidance.kernel import Law
-from circumnav_mav.guidance.laws import hashemi2013
+from circumnav_mav.guidance.laws import cao2013, hashemi2013, pd_bias, sliding_mode, tangent
 
-LAWS: dict[str, Law] = {law.name: law for law in (hashemi2013.LAW,)}
+LAWS: dict[str, Law] = {
+    law.name: law
+    for law in (
+        hashemi2013.LAW,
+        cao2013.OUTER,
+        cao2013.SMOOTH,
+        cao2013.SATURATED,
+        sliding_mode.LAW,
+        pd_bias.LAW,
+        tangent.LAW,
+    )
+}

@@ -1,0 +1,174 @@
+"""The offline commands: study, compare, tune. Their libraries are imported when they run, not when one flies."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated, NoReturn
+
+import typer
+
+Seed = Annotated[int, typer.Option(help="of every random draw", min=0)]
+JsonFile = Annotated[Path | None, typer.Option("--json", help="write the figures to this file")]
+Several = list[str] | None
+EXIT_USAGE = 2
+
+
+def study(
+    json: JsonFile = None,
+    runs: Annotated[int, typer.Option(help="trajectories for each gain and wind", min=2)] = 500,
+    seed: Seed = 1,
+    start: Annotated[str, typer.Option(help="first place of every run, X,Y in metres")] = "-20,0",
+    window: Annotated[
+        float, typer.Option(help="share of the run, at its end, that counts as its tail", min=0.01, max=1)
+    ] = 0.5,
+    figures: Annotated[Path | None, typer.Option(help="draw the twelve figures into this folder (PNG and SVG)")] = None,
+    workers: Annotated[int | None, typer.Option(help="threads; default one a core", min=1)] = None,
+    scheduler: Annotated[str | None, typer.Option(help="a Dask scheduler, tcp://HOST:PORT, instead of threads")] = None,
+) -> None:
+    """Reproduce the paper's simulations: mean squares against the gain, calm and in wind, with confidence intervals."""
+    with _extras(), _in_words():
+        from circumnav_mav.study import paper, paper_figures
+        from circumnav_mav.study.scheduler import executor
+
+        options = paper.Options(runs=runs, seed=seed, start_m=_pair(start), window=window, workers=workers)
+        with executor(scheduler) as pool, _bar("flying") as tell:
+            result = paper.run(options, tell, pool)
+        typer.echo(f"{result.steps} trajectory-steps in {result.elapsed_s:.2f} s: {result.rate_hz:.3g} a second")
+        for air in paper.AIRS:
+            typer.echo(f"\n{air}")
+            _print_table(result.table(air))
+        if figures is not None:
+            with _bar("drawing") as tell:
+                files = paper_figures.draw(result, figures, tell)
+            typer.echo(f"\n{len(files)} figures in {figures}/")
+        if json is not None:
+            paper.write_json(result, json)
+
+
+def compare(
+    scenario: Annotated[Several, typer.Option(help="by name; may be given again (default: all)")] = None,
+    law: Annotated[Several, typer.Option(help="by name; may be given again (default: our best)")] = None,
+    estimator: Annotated[Several, typer.Option(help="by name; may be given again (default: our best)")] = None,
+    everything: Annotated[bool, typer.Option("--all", help="every law on every estimator it can fly on")] = False,
+    runs: Annotated[int, typer.Option(help="flights a row", min=1)] = 1000,
+    seed: Seed = 1,
+    json: JsonFile = None,
+) -> None:
+    """Fly laws and estimators over the named scenarios, many seeds each, and print a row for each."""
+    with _extras(), _in_words():
+        from circumnav_mav.guidance.estimators import ESTIMATORS
+        from circumnav_mav.guidance.laws import LAWS
+        from circumnav_mav.study import compare as study_compare
+        from circumnav_mav.study.scenarios import SCENARIOS
+
+        best_law, best_estimator = study_compare.BEST
+        laws = law or (list(LAWS) if everything else [best_law])
+        estimators = estimator or (list(ESTIMATORS) if everything else [best_estimator])
+        with _bar("flying") as tell:
+            rows = study_compare.compare(
+                scenario or list(SCENARIOS),
+                laws,
+                estimators,
+                runs,
+                seed,
+                lambda title, done, whole: tell(done, whole),
+            )
+        typer.echo(study_compare.table(rows))
+        if json is not None:
+            json.write_text(study_compare.to_json(rows), encoding="utf-8")
+
+
+def tune(
+    config: Annotated[Path, typer.Argument(help="configuration of the aircraft", show_default=False)],
+    out: Annotated[Path, typer.Option(help="write the configuration with the gains found here")] = Path("tuned.yaml"),
+    wind: Annotated[
+        float, typer.Option(help="strongest wind to fly in [m/s]; 0 where the autopilot holds ground speed", min=0)
+    ] = 0.0,
+    range_rate: Annotated[float, typer.Option(help="ranges a second", min=0.1)] = 10.0,
+    from_log: Annotated[
+        Path | None, typer.Option(help="read noise, lag and wind out of this flight's directory")
+    ] = None,
+    keep: Annotated[bool, typer.Option("--keep", help="keep law and estimator, tune their gains only")] = False,
+    seed: Seed = 1,
+    plot: Annotated[
+        Path | None, typer.Option(help="draw error against effort, with the Pareto front, to this PNG")
+    ] = None,
+) -> None:
+    """Find gains for your aircraft by flying it in simulation; write a configuration that `fly` takes as it is."""
+    with _extras(), _in_words():
+        from circumnav_mav.config import load
+        from circumnav_mav.study import tune as search
+        from circumnav_mav.study import tune_report
+        from circumnav_mav.study.from_log import look
+
+        settings = load(config)
+        aircraft = search.Aircraft.of(settings, wind, range_rate)
+        if from_log is not None:
+            seen = look(from_log)
+            aircraft = aircraft.as_seen(seen)
+            typer.echo(f"from the log: {seen}")
+        with _bar("searching") as tell:
+            tuned = search.tune(settings, aircraft, seed=seed, keep_pair=keep, progress=tell)
+        for line in tune_report.lines(tuned):
+            typer.echo(line)
+        out.write_text(tune_report.yaml_text(config.read_text(encoding="utf-8"), tuned, seed), encoding="utf-8")
+        typer.echo(f"written    {out}")
+        if plot is not None:
+            tune_report.draw(tuned, plot)
+            typer.echo(f"picture    {plot}")
+
+
+def register(app: typer.Typer) -> None:
+    """Add the offline commands to the command line."""
+    for command in (study, compare, tune):
+        app.command()(command)
+
+
+@contextmanager
+def _bar(title: str) -> Iterator[Callable[[int, int], None]]:
+    """Show a progress bar on standard error; yield what is to be called with (done, of how many)."""
+    from rich.console import Console
+    from rich.progress import Progress
+
+    with Progress(console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task(title, total=None)
+        yield lambda done, whole: bar.update(task, completed=done, total=whole)
+
+
+@contextmanager
+def _extras() -> Iterator[None]:
+    try:
+        yield
+    except ImportError as error:
+        _fail(f"this command needs {error.name or error}: pip install 'circumnav-mav[study]'")
+
+
+@contextmanager
+def _in_words() -> Iterator[None]:
+    try:
+        yield
+    except ValueError as error:
+        _fail(str(error))
+    except OSError as error:
+        _fail(f"{error.filename}: {error.strerror}" if error.filename else str(error))
+
+
+def _fail(text: str) -> NoReturn:
+    typer.echo(f"circumnav: {text}", err=True)
+    raise typer.Exit(EXIT_USAGE)
+
+
+def _pair(text: str) -> tuple[float, float]:
+    try:
+        x, y = (float(part) for part in text.split(","))
+    except ValueError:
+        raise ValueError(f"--start wants two numbers such as -20,0, not '{text}'") from None
+    return x, y
+
+
+def _print_table(rows: list[list[str]]) -> None:
+    widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
+    for row in rows:
+        typer.echo("  ".join(cell.rjust(width) for cell, width in zip(row, widths, strict=True)))

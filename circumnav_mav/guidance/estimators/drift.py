@@ -1,0 +1,451 @@
+"""Where the target is, and how the vehicle is drifted past it, from range, heading and airspeed.
+
+State (p, w, s): p = target minus vehicle, w = drift = wind minus target velocity, s = airspeed scale (true airspeed is
+(1 + s) times the believed one). Over a motion of reckoned displacement d in time dt, exactly and linearly,
+    p' = p - (1 + s) d - w dt,   w' = w,   s' = s
+and a reading is |p|. Wind and a moving target are the same unknown, so a moving target costs nothing extra. One range
+leaves a ring: it is covered with Gaussians in polar coordinates, each an extended Kalman filter, until the turns of
+the flight leave one. An alarm on its innovations starts the ring again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from math import atan2, cos, hypot, isnan, log, nan, pi, sin, sqrt
+from typing import NamedTuple
+
+from circumnav_mav.guidance.estimators.gate import refuse, remember
+from circumnav_mav.guidance.estimators.ring import LIKELY, TWIN, best_of, log_likelihood, prune, smoothed
+from circumnav_mav.guidance.kernel import (
+    RESTARTED,
+    Estimate,
+    Estimator,
+    EstimatorContext,
+    Memory,
+    Moved,
+    Reading,
+)
+
+RING = 16
+"""Gaussians over the bearing at the start."""
+
+
+SPLIT = 0.16
+"""A hypothesis longer across the line of sight than this share of the range is cut."""
+
+
+STIRS = (1.0, 30.0, 900.0)
+"""Calm, gusty, wild: how many times the usual noise drives the drift. Once the ring is gone, one of each is flown, and
+the readings say which it is."""
+
+
+class Parameters(NamedTuple):
+    V: float  # nominal airspeed, m/s
+    sigma_r: float  # of a reading that claims none, m
+    sigma_r_dot: float  # of a measured range rate, m/s
+    sigma_w: float  # prior of each component of the drift, m/s
+    sigma_s: float  # prior of the airspeed scale
+    q_p: float  # density of the noise that drives p, m^2/s
+    q_w: float  # that drives w, m^2/s^3
+    q_s: float  # that drives s, 1/s
+    gate: float  # standard deviations
+    alarm: float  # smoothed normalised innovation squared that restarts the ring
+    w_most: float  # greatest drift that is plausible, m/s
+    s_most: float  # greatest scale that is plausible
+
+
+class Drift(NamedTuple):
+    """Mean and the upper triangle of the covariance. x east, y north; p m, w m/s."""
+
+    px: float
+    py: float
+    wx: float
+    wy: float
+    s: float
+    xx: float
+    xy: float
+    xu: float  # u, v: the two components of w
+    xv: float
+    xs: float
+    yy: float
+    yu: float
+    yv: float
+    ys: float
+    uu: float
+    uv: float
+    us: float
+    vv: float
+    vs: float
+    ss: float
+    stir: float  # how many times the usual noise drives w
+    log_weight: float
+
+
+def predict(h: Drift, dx: float, dy: float, dt: float, par: Parameters) -> Drift:
+    """Return the hypothesis after the reckoned displacement (dx, dy) in dt. Exact: the motion is linear."""
+    px, py, wx, wy, s, xx, xy, xu, xv, xs, yy, yu, yv, ys, uu, uv, us, vv, vs, ss, stir, log_weight = h
+    # cov(p') = cov(p - s d - w dt), the cross terms first
+    xu1, xv1, xs1 = xu - dx * us - dt * uu, xv - dx * vs - dt * uv, xs - dx * ss - dt * us
+    yu1, yv1, ys1 = yu - dy * us - dt * uv, yv - dy * vs - dt * vv, ys - dy * ss - dt * vs
+    q = stir * par.q_w * dt
+    return Drift(
+        px - (1.0 + s) * dx - wx * dt,
+        py - (1.0 + s) * dy - wy * dt,
+        wx,
+        wy,
+        s,
+        xx - dx * (xs + xs1) - dt * (xu + xu1) + par.q_p * dt,
+        xy - dy * xs - dt * xv - dx * ys1 - dt * yu1,
+        xu1,
+        xv1,
+        xs1,
+        yy - dy * (ys + ys1) - dt * (yv + yv1) + par.q_p * dt,
+        yu1,
+        yv1,
+        ys1,
+        uu + q,
+        uv,
+        us,
+        vv + q,
+        vs,
+        ss + par.q_s * dt,
+        stir,
+        log_weight,
+    )
+
+
+def gained(
+    h: Drift, gx: float, gy: float, gu: float, gv: float, gs: float, inv: float, error: float, log_weight: float
+) -> Drift:
+    """Return the Kalman update with the covariance column g of the innovation and its inverse variance.
+
+    p moves along the sight and around the vehicle, and its covariance turns with the sight: in polar coordinates a
+    range is linear, so that a hypothesis that is unsure of the bearing does not take the curvature of the circle of
+    equal range for knowledge.
+    """
+    px, py, wx, wy, s, xx, xy, xu, xv, xs, yy, yu, yv, ys, uu, uv, us, vv, vs, ss, stir, _ = h
+    kx, ky, ku, kv, ks = gx * inv, gy * inv, gu * inv, gv * inv, gs * inv
+    r = max(hypot(px, py), 1e-3)
+    swing = (px * ky - py * kx) * error / (r * r)
+    c, n = cos(swing), sin(swing)
+    longer = max(1.0 + (px * kx + py * ky) * error / (r * r), 0.0)
+    xx, xy, yy = xx - kx * gx, xy - kx * gy, yy - ky * gy
+    xu, xv, xs = xu - kx * gu, xv - kx * gv, xs - kx * gs
+    yu, yv, ys = yu - ky * gu, yv - ky * gv, ys - ky * gs
+    cc, cn, nn = c * c, c * n, n * n
+    return Drift(
+        longer * (c * px - n * py),
+        longer * (n * px + c * py),
+        wx + ku * error,
+        wy + kv * error,
+        s + ks * error,
+        cc * xx - 2.0 * cn * xy + nn * yy,
+        cn * (xx - yy) + (cc - nn) * xy,
+        c * xu - n * yu,
+        c * xv - n * yv,
+        c * xs - n * ys,
+        nn * xx + 2.0 * cn * xy + cc * yy,
+        n * xu + c * yu,
+        n * xv + c * yv,
+        n * xs + c * ys,
+        uu - ku * gu,
+        uv - ku * gv,
+        us - ku * gs,
+        vv - kv * gv,
+        vs - kv * gs,
+        ss - ks * gs,
+        stir,
+        log_weight,
+    )
+
+
+def again(h: Drift, stir: float, log_weight: float) -> Drift:
+    """Return the hypothesis with another noise and weight."""
+    px, py, wx, wy, s, xx, xy, xu, xv, xs, yy, yu, yv, ys, uu, uv, us, vv, vs, ss, _, _ = h
+    return Drift(px, py, wx, wy, s, xx, xy, xu, xv, xs, yy, yu, yv, ys, uu, uv, us, vv, vs, ss, stir, log_weight)
+
+
+def normalised(h: Drift, z: float, variance: float) -> float:
+    """Return the normalised innovation squared of a range."""
+    px, py = h.px, h.py
+    rr = max(px * px + py * py, 1e-6)
+    along = (px * px * h.xx + 2.0 * px * py * h.xy + py * py * h.yy) / rr
+    return (z - sqrt(rr)) ** 2 / (along + variance)
+
+
+def use_range(h: Drift, z: float, variance: float, gate: float) -> Drift:
+    """Return the hypothesis after a range; beyond the gate it only costs.
+
+    `gained` for a measurement along the sight, written out: the ring's whole cost is this and `predict`.
+    """
+    px, py, wx, wy, s, xx, xy, xu, xv, xs, yy, yu, yv, ys, uu, uv, us, vv, vs, ss, stir, log_weight = h
+    r = max(sqrt(px * px + py * py), 1e-3)
+    c, n = px / r, py / r
+    gx, gy = c * xx + n * xy, c * xy + n * yy
+    along = c * gx + n * gy
+    inv, error = 1.0 / (along + variance), z - r
+    nis = error * error * inv
+    log_weight -= 0.5 * (min(nis, gate * gate) - log(inv))
+    if nis > gate * gate:
+        return again(h, stir, log_weight)
+    gu, gv, gs = c * xu + n * yu, c * xv + n * yv, c * xs + n * ys
+    kx, ky, ku, kv, ks = gx * inv, gy * inv, gu * inv, gv * inv, gs * inv
+    swing, longer = (c * ky - n * kx) * error / r, max(1.0 + along * inv * error / r, 0.0)
+    xx -= kx * gx
+    xy -= kx * gy
+    yy -= ky * gy
+    xu -= kx * gu
+    xv -= kx * gv
+    xs -= kx * gs
+    yu -= ky * gu
+    yv -= ky * gv
+    ys -= ky * gs
+    c, n = cos(swing), sin(swing)
+    a, b = c * xx - n * xy, c * xy - n * yy
+    d, e = n * xx + c * xy, n * xy + c * yy
+    return Drift(
+        longer * (c * px - n * py),
+        longer * (n * px + c * py),
+        wx + ku * error,
+        wy + kv * error,
+        s + ks * error,
+        c * a - n * b,
+        n * a + c * b,
+        c * xu - n * yu,
+        c * xv - n * yv,
+        c * xs - n * ys,
+        n * d + c * e,
+        n * xu + c * yu,
+        n * xv + c * yv,
+        n * xs + c * ys,
+        uu - ku * gu,
+        uv - ku * gv,
+        us - ku * gs,
+        vv - kv * gv,
+        vs - kv * gs,
+        ss - ks * gs,
+        stir,
+        log_weight,
+    )
+
+
+def use_rate(h: Drift, z: float, m: Moved, variance: float, gate: float) -> Drift:
+    """Return the hypothesis after a range rate -(v . p) / |p|, v the velocity relative to the target."""
+    r = max(hypot(h.px, h.py), 1e-3)
+    c, n = h.px / r, h.py / r
+    ex, ey = m.V * cos(m.psi), m.V * sin(m.psi)
+    vx, vy = (1.0 + h.s) * ex + h.wx, (1.0 + h.s) * ey + h.wy
+    closing = vx * c + vy * n
+    ax, ay, ac = -(vx - closing * c) / r, -(vy - closing * n) / r, -(ex * c + ey * n)
+    gx = ax * h.xx + ay * h.xy - c * h.xu - n * h.xv + ac * h.xs
+    gy = ax * h.xy + ay * h.yy - c * h.yu - n * h.yv + ac * h.ys
+    gu = ax * h.xu + ay * h.yu - c * h.uu - n * h.uv + ac * h.us
+    gv = ax * h.xv + ay * h.yv - c * h.uv - n * h.vv + ac * h.vs
+    gs = ax * h.xs + ay * h.ys - c * h.us - n * h.vs + ac * h.ss
+    variance += ax * gx + ay * gy - c * gu - n * gv + ac * gs
+    error = z + closing
+    nis = error * error / variance
+    log_weight = h.log_weight + log_likelihood(nis, variance, gate)
+    if nis > gate * gate:
+        return again(h, h.stir, log_weight)
+    return gained(h, gx, gy, gu, gv, gs, 1.0 / variance, error, log_weight)
+
+
+def begin(par: Parameters) -> list[Drift]:
+    """Return an empty bank."""
+    bank = [ring_member(0.0, 0.0, 1.0, par, 0.0)]
+    bank.pop()
+    return bank
+
+
+def ring_member(r: float, bearing: float, variance: float, par: Parameters, log_weight: float) -> Drift:
+    """Return one Gaussian of the ring: the range well known, the bearing within its share of the circle."""
+    c, s = cos(bearing), sin(bearing)
+    across = (r * pi / RING) ** 2
+    ww = par.sigma_w**2
+    xx, xy, yy = variance * c * c + across * s * s, (variance - across) * s * c, variance * s * s + across * c * c
+    ss = par.sigma_s**2
+    px, py = r * c, r * s
+    return Drift(
+        px, py, 0.0, 0.0, 0.0, xx, xy, 0.0, 0.0, 0.0, yy, 0.0, 0.0, 0.0, ww, 0.0, 0.0, ww, 0.0, ss, 1.0, log_weight
+    )
+
+
+def seed(bank: list[Drift], z: Reading, par: Parameters, variance: float) -> None:
+    """Fill the ring."""
+    bank.clear()
+    for i in range(RING):
+        bank.append(ring_member(z.r, 2.0 * pi * i / RING, variance, par, 0.0))
+
+
+def split(bank: list[Drift]) -> None:
+    """Cut hypotheses that are too long across the line of sight in three: a Gaussian cannot bend around the target.
+
+    Three Gaussians of 0.67 times the length, 1.06 standard deviations apart, weigh 0.23, 0.55, 0.23 (the split that is
+    nearest to the Gaussian in the least-squares sense); what is correlated with the position across moves along.
+    """
+    for i in range(len(bank)):
+        if len(bank) > RING:
+            return
+        h = bank[i]
+        rr = h.px * h.px + h.py * h.py
+        if h.xx + h.yy < SPLIT * SPLIT * rr:
+            continue
+        r = max(sqrt(rr), 1e-3)
+        c, s = -h.py / r, h.px / r
+        across = c * c * h.xx + 2.0 * s * c * h.xy + s * s * h.yy
+        if across < (SPLIT * r) ** 2:
+            continue
+        gx, gy = c * h.xx + s * h.xy, c * h.xy + s * h.yy
+        gu, gv, gs = c * h.xu + s * h.yu, c * h.xv + s * h.yv, c * h.xs + s * h.ys
+        inv, step = 0.549 / across, 1.0575 / 0.549 * sqrt(across)
+        bank[i] = gained(h, gx, gy, gu, gv, gs, inv, 0.0, h.log_weight - 0.5985)
+        bank.append(gained(h, gx, gy, gu, gv, gs, inv, step, h.log_weight - 1.4908))
+        bank.append(gained(h, gx, gy, gu, gv, gs, inv, -step, h.log_weight - 1.4908))
+
+
+def same(h: Drift, best: Drift) -> bool:
+    dx, dy = h.px - best.px, h.py - best.py
+    if h.stir != best.stir or dx * dx + dy * dy > 0.25 * (best.xx + best.yy):
+        return False
+    du, dv = h.wx - best.wx, h.wy - best.wy
+    return du * du + dv * dv < 0.25 * (best.uu + best.vv)
+
+
+def merge(bank: list[Drift]) -> None:
+    """Drop what has become the same as the best; where that is the leader, the best takes its place."""
+    best = best_of(bank)
+    for i in range(len(bank) - 1, 0, -1):
+        if i != best and same(bank[i], bank[best]):
+            bank.pop(i)
+            if i < best:
+                best -= 1
+    if best > 0 and same(bank[0], bank[best]):
+        bank[0] = bank.pop(best)
+
+
+def twin(bank: list[Drift]) -> None:
+    """Have each kind of air flown by one hypothesis at least."""
+    if len(bank) > 2 * len(STIRS):
+        return
+    for stir in STIRS:
+        flown = False
+        for h in bank:
+            flown = flown or h.stir == stir
+        if not flown:
+            bank.append(again(bank[0], stir, bank[0].log_weight - TWIN))
+
+
+def observe(bank: list[Drift], mem: Memory, m: Moved, z: Reading, par: Parameters) -> Memory:
+    """Carry the bank to the reading, judge it and use it."""
+    sigma_r = par.sigma_r if isnan(z.sigma_r) else z.sigma_r
+    variance = sigma_r * sigma_r
+    if len(bank) == 0:
+        seed(bank, z, par, variance)
+        return remember(mem, m.dt, nan, 1.0, 1.0)
+    psi = m.psi - m.turn
+    c, s = cos(psi), sin(psi)
+    dx, dy = m.ahead * c - m.left * s, m.ahead * s + m.left * c
+    for i in range(len(bank)):
+        bank[i] = predict(bank[i], dx, dy, m.dt, par)
+    split(bank)
+    least, best_nis, best = 1e300, 0.0, 0
+    top = bank[best_of(bank)].log_weight
+    for i in range(len(bank)):
+        nis = normalised(bank[i], z.r, variance)
+        if bank[i].log_weight > top - LIKELY and nis < least:
+            least = nis
+        if i == best:
+            best_nis = nis
+    if least > par.gate**2:
+        mem = refuse(mem, z.r, m.dt, 2.0 * par.V, 2.0 * par.gate * sigma_r)
+        if mem.verdict == RESTARTED:
+            seed(bank, z, par, variance)
+        return mem
+    for i in range(len(bank)):
+        bank[i] = use_range(bank[i], z.r, variance, par.gate)
+        if not isnan(z.r_dot):
+            bank[i] = use_rate(bank[i], z.r_dot, m, par.sigma_r_dot**2, par.gate)
+    merge(bank)
+    prune(bank)
+    twin(bank)
+    alarm = smoothed(mem.alarm, min(best_nis, par.gate**2))
+    h = bank[0]
+    if alarm > par.alarm or hypot(h.wx, h.wy) > par.w_most or abs(h.s) > par.s_most:
+        seed(bank, z, par, variance)
+        return Memory(mem.known, RESTARTED, best_nis, 1.0, nan, 0.0, 0.0)
+    return remember(mem, m.dt, best_nis, 1.0, alarm)
+
+
+def carry(bank: list[Drift], mem: Memory, m: Moved, par: Parameters) -> Estimate:
+    """Return the leading hypothesis after a motion."""
+    h = bank[0]
+    psi = m.psi - m.turn
+    c, s = cos(psi), sin(psi)
+    dx, dy = m.ahead * c - m.left * s, m.ahead * s + m.left * c
+    V = (1.0 + h.s) * m.V
+    px, py = h.px - (1.0 + h.s) * dx - h.wx * m.dt, h.py - (1.0 + h.s) * dy - h.wy * m.dt
+    r = hypot(px, py)
+    vx, vy = V * cos(m.psi) + h.wx, V * sin(m.psi) + h.wy
+    r_dot = -(vx * px + vy * py) / r if r > 0.0 else 0.0
+    theta = (m.psi - atan2(py, px) + pi) % (2.0 * pi) - pi
+    return Estimate(r, r_dot, V, m.u, theta, m.psi, px, py, h.wx, h.wy)
+
+
+def covariance(bank: list[Drift]) -> tuple[float, ...]:
+    """Return (var r, var px, cov px py, var py [m^2], var wx, var wy [m^2/s^2], var s) of the leading hypothesis."""
+    if not bank:
+        return (nan, nan, nan, nan, nan, nan, nan)
+    h = bank[0]
+    r = max(hypot(h.px, h.py), 1e-3)
+    c, s = h.px / r, h.py / r
+    return (c * c * h.xx + 2.0 * s * c * h.xy + s * s * h.yy, h.xx, h.xy, h.yy, h.uu, h.vv, h.ss)
+
+
+def parameters(options: Mapping[str, float], context: EstimatorContext) -> Parameters:
+    """Return the kernel's parameters; priors and noises are shares of the airspeed, so that they suit any vehicle."""
+    given = {**OPTIONS, **options}
+    for name, value in given.items():
+        if not value > 0.0:
+            raise ValueError(f"{name} must be above 0, not {value}")
+    V, omega = context.V, context.V / context.r_a
+    return Parameters(
+        V=V,
+        sigma_r=given["sigma_m"],
+        sigma_r_dot=given["sigma_rate_m_s"],
+        sigma_w=given["drift_share"] * V,
+        sigma_s=given["scale_sigma"],
+        q_p=(given["wander_share"] * V) ** 2 / omega,
+        q_w=(given["gust_share"] * V) ** 2 * omega,
+        q_s=given["scale_wander"] ** 2 * omega,
+        gate=given["gate_sigmas"],
+        alarm=given["alarm_nis"],
+        w_most=0.95 * V,
+        s_most=0.35,
+    )
+
+
+OPTIONS = {
+    "sigma_m": 0.3,
+    "sigma_rate_m_s": 0.5,
+    "drift_share": 0.3,
+    "scale_sigma": 0.07,
+    "wander_share": 0.002,
+    "gust_share": 0.003,
+    "scale_wander": 0.001,
+    "gate_sigmas": 4.0,
+    "alarm_nis": 3.0,
+}
+
+ESTIMATOR = Estimator(
+    name="drift",
+    begin=begin,
+    observe=observe,
+    carry=carry,
+    covariance=covariance,
+    parameters=parameters,
+    options=OPTIONS,
+    needs=frozenset({"range", "speed", "turn_rate", "heading", "airspeed"}),
+    gives=frozenset({"r", "r_dot", "V", "u", "theta", "psi", "px", "py", "wx", "wy"}),
+    source="ring of extended Kalman filters",
+)

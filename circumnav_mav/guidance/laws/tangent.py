@@ -1,0 +1,125 @@
+"""Ours: along the tangent onto the circle, in the target's frame, with the drift corrected and the turn fed forward.
+
+The course wanted at range r makes the angle theta_d(r) = pi/2 - f(r) with the line of sight, in the frame that moves
+with the target, where f is the smaller of
+    acos(r_a / r)            the straight tangent to the circle, and
+    atan((r - r_a) / reach)  the exponential run-in, distance constant `reach`,
+joined smoothly. The heading wanted is that course turned into the drift. The command tracks it with its own rate of
+change and, because the vehicle's turn rate lags, with its acceleration. docs/guidance_law.md derives it and argues for
+its stability.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from math import acos, asin, atan, atan2, cos, exp, hypot, inf, isfinite, isnan, nan, pi, sin, sqrt
+from typing import NamedTuple
+
+from circumnav_mav.guidance.kernel import Estimate, Law, LawContext
+
+STEPS = 12
+"""Points at which a turn is looked at for its least range."""
+
+
+class Parameters(NamedTuple):
+    r_a: float  # orbit radius, m
+    reach: float  # distance constant of the run-in, m
+    gain: float  # of the heading error, 1/s
+    lag: float  # first-order lag of the turn rate that is fed forward, s
+    limit: float  # turn rate that the vehicle can fly, rad/s
+    r_min: float  # least range that a turn may lead to, m
+
+
+def run_in(r: float, r_a: float, reach: float) -> tuple[float, float]:
+    """Return f [rad] and df/dr [rad/m]: how far inside the perpendicular to the line of sight to steer."""
+    e = r - r_a
+    near = atan(e / reach)
+    near_slope = reach / (reach * reach + e * e)
+    if e <= 1e-6 * r_a:
+        return near, near_slope
+    far = acos(r_a / r)
+    far_slope = r_a / (r * sqrt(r * r - r_a * r_a))
+    f = (near**-4 + far**-4) ** -0.25
+    return f, f**5 * (near_slope * near**-5 + far_slope * far**-5)
+
+
+def heading(px: float, py: float, psi: float, est: Estimate, par: Parameters) -> tuple[float, float]:
+    """Return the heading wanted [rad] and its rate [rad/s] for a target at (px, py) and the vehicle's heading psi."""
+    r = max(hypot(px, py), 1e-3)
+    f, slope = run_in(r, par.r_a, par.reach)
+    vx, vy = est.V * cos(psi) + est.wx, est.V * sin(psi) + est.wy  # relative to the target
+    r_dot, sight_rate = -(px * vx + py * vy) / r, (py * vx - px * vy) / (r * r)
+    course = atan2(py, px) + 0.5 * pi - f
+    c, s = cos(course), sin(course)
+    crab = asin(min(max((est.wx * s - est.wy * c) / est.V, -0.95), 0.95))
+    along = est.V * cos(crab)
+    speed = max(along + est.wx * c + est.wy * s, 0.0)
+    return course + crab, (sight_rate - slope * r_dot) * speed / along
+
+
+def least_range(est: Estimate, turn: float, par: Parameters) -> float:
+    """Return the least range [m] over a turn by the angle `turn` at the limit: the drift goes on meanwhile."""
+    R = est.V / par.limit
+    side = 1.0 if turn > 0.0 else -1.0
+    roll = max(0.0, par.lag * (1.0 - est.u * side / par.limit))  # straight on for as long as the turn takes to build up
+    least = inf
+    for i in range(1, STEPS + 1):
+        angle = turn * i / STEPS
+        x = R * side * (sin(est.psi + angle) - sin(est.psi)) + est.V * roll * cos(est.psi)
+        y = R * side * (cos(est.psi) - cos(est.psi + angle)) + est.V * roll * sin(est.psi)
+        t = abs(angle) / par.limit + roll
+        least = min(least, hypot(est.px - x - est.wx * t, est.py - y - est.wy * t))
+    return least
+
+
+def turn_rate(est: Estimate, par: Parameters) -> float:
+    """Return u [rad/s, + counter-clockwise] for the clockwise orbit, within the limit."""
+    if est.V <= 0.0:
+        return 0.0
+    wanted, rate = heading(est.px, est.py, est.psi, est, par)
+    error = (wanted - est.psi + pi) % (2.0 * pi) - pi
+    if abs(error) > 1.0:  # a long turn: by the side that keeps the range
+        other = error - 2.0 * pi if error > 0.0 else error + 2.0 * pi
+        margin = 1.15 if est.u * error < 0.0 else 1.0  # turning the other way already: only a clear gain turns it back
+        short = least_range(est, error, par)
+        if short < margin * par.r_min and est.r > short and least_range(est, other, par) > short:
+            error = other
+    h = max(par.lag, 0.1)
+    vx, vy = est.V * cos(est.psi) + est.wx, est.V * sin(est.psi) + est.wy
+    _, later = heading(est.px - vx * h, est.py - vy * h, est.psi + est.u * h, est, par)
+    calm = exp(-4.0 * error * error)  # far from its heading the vehicle does not follow the field: no preview
+    u = rate + par.gain * error + calm * par.lag * ((later - rate) / h + par.gain * (rate - est.u))
+    return min(max(u, -par.limit), par.limit)
+
+
+def parameters(options: Mapping[str, float], context: LawContext) -> Parameters:
+    """Return the kernel's parameters. ValueError, in words, for options that cannot fly."""
+    given = {**OPTIONS, **options}
+    lag = context.turn_lag_s if isnan(given["lag_s"]) else given["lag_s"]
+    if not lag >= 0.0:
+        raise ValueError(f"lag_s must be 0 or more, not {lag}")
+    for name in ("reach_s", "gain_per_s"):
+        if not given[name] > 0.0:
+            raise ValueError(f"{name} must be above 0, not {given[name]}")
+    limit = context.turn_rate_limit
+    if not (isfinite(limit) and limit > 0.0):
+        raise ValueError("this law plans its turns: limits.turn_rate_rad_s must be given")
+    if context.V / context.r_a > limit:
+        raise ValueError(
+            f"the circle asks for a turn rate of {context.V / context.r_a:.3g} rad/s, the vehicle flies {limit:.3g}: "
+            "fly slower, or wider"
+        )
+    r_min = 0.4 * context.r_a if isnan(context.r_min) else context.r_min
+    return Parameters(context.r_a, given["reach_s"] * context.V, given["gain_per_s"], lag, limit, r_min)
+
+
+OPTIONS = {"reach_s": 1.5, "gain_per_s": 1.0, "lag_s": nan}
+
+LAW = Law(
+    name="tangent",
+    turn_rate=turn_rate,
+    parameters=parameters,
+    options=OPTIONS,
+    needs=("r", "V", "u", "psi", "px", "py", "wx", "wy"),
+    source="docs/guidance_law.md",
+)

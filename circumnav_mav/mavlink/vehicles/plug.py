@@ -1,0 +1,94 @@
+"""What a vehicle class is: what it fits, what it needs of the autopilot, and how a turn rate becomes a message."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from math import inf, tan
+from typing import Literal, NamedTuple, Protocol
+
+from circumnav_mav.mavlink.autopilot import VehicleState
+from circumnav_mav.mavlink.commands import Command
+from circumnav_mav.mavlink.modes import ModeWords
+from circumnav_mav.mavlink.setpoints import G_M_S2, Encoded, SetpointLimits
+from circumnav_mav.types import TurnRateSetpoint
+
+ATTITUDE = ("ATTITUDE",)
+VELOCITY = ("LOCAL_POSITION_NED",)
+AIRSPEED = ("VFR_HUD",)
+ESTIMATOR = ("ESTIMATOR_STATUS", "EKF_STATUS_REPORT")
+HEIGHT = ("GLOBAL_POSITION_INT", "LOCAL_POSITION_NED", "VFR_HUD")
+"""Groups of messages of which a class needs one."""
+
+
+class Options(NamedTuple):
+    """What an encoder is built from: limits and the vehicle's own numbers (NaN = learned in flight)."""
+
+    limits: SetpointLimits
+    speed_m_s: float  # the speed to fly
+    bank_rad: float
+    lead_s: float
+    pitch_rad: float  # nose-up pitch in straight flight at that speed
+    thrust: float  # 0..1, in level flight
+
+
+class Encoder(Protocol):
+    """One flight's encoder; it may learn and integrate, and is called once a tick while setpoints leave."""
+
+    def encode(self, setpoint: TurnRateSetpoint, state: VehicleState, now_s: float) -> Encoded | None:
+        """Return (message name, fields); None where what it needs is not heard: the autopilot then sees silence.
+
+        A setpoint of speed 0 means to stay: place, or level flight for what cannot.
+        """
+        ...
+
+    def engaged(self, state: VehicleState, height_m: float) -> list[Command]:
+        """Return the commands to give once, as control begins; height_m: the height to hold above home."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class TakeOff:
+    """How `engage: auto` gets into the air."""
+
+    first_mode: int | None
+    """Asked for on the ground, before arming."""
+    command: Literal["amsl", "relative", "none"]
+    """What MAV_CMD_NAV_TAKEOFF's height counts from; none: the first mode takes off by itself."""
+    climbing: frozenset[int]
+    """Modes seen on the way up; any other is the pilot's choice."""
+    arrived: int
+    """The mode at the top."""
+    level_s: float = 0.0
+    """Time of level flight at the top before control is asked for (a plane's trim is learned then)."""
+    height_parameter: str = ""
+    """The autopilot's parameter that decides the height, where no command carries it."""
+    arm_patience_s: float = 0.0
+    """Arming that is refused is tried again for so long: an ArduPilot is not ready when it says STANDBY."""
+
+
+@dataclass(frozen=True, slots=True)
+class VehicleClass:
+    """A registered vehicle class; docs/vehicles.md says what each can and cannot do."""
+
+    name: str
+    airframe: str  # for people, and for the stub
+    words: ModeWords
+    autopilot: int  # MAV_AUTOPILOT
+    types: frozenset[int]  # MAV_TYPE
+    messages_hz: Mapping[str, float]
+    needs: tuple[tuple[str, ...], ...]  # of each group one message must come
+    estimates: frozenset[str]  # "velocity", "position": what the autopilot must say that it knows
+    speed: Literal["ground", "air", "believed"]  # what the law takes for the speed
+    turn_lag_s: float  # 63 % of a step in turn rate, measured
+    encoder: Callable[[Options], Encoder]
+    take_off: TakeOff | None = None
+    lead_s: float = 0.0  # lag of the course behind the nose, measured, taken out by turning the velocity ahead
+    banks: bool = False  # turns by limits.bank_deg
+    lateral_m_s2: float = inf  # acceleration across the course that the autopilot gives at most
+    wants_pitch: bool = False  # cannot fly without vehicle.pitch_deg
+
+    def turn_rate_limit(self, turn_rate_rad_s: float, bank_rad: float, speed_m_s: float) -> float:
+        """Return the turn rate [rad/s] that limits, bank and lateral acceleration all allow at a speed."""
+        lateral = min(self.lateral_m_s2, G_M_S2 * tan(bank_rad) if self.banks else inf)
+        return min(turn_rate_rad_s, lateral / speed_m_s)

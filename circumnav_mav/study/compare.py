@@ -1,0 +1,196 @@
+"""`circumnav compare`: laws and estimators over the named scenarios, one row each, as a table or as JSON."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import sys
+import time
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+
+from circumnav_mav.guidance.estimators import ESTIMATORS
+from circumnav_mav.guidance.laws import LAWS
+from circumnav_mav.study.scenarios import SCENARIOS, Scenario
+from circumnav_mav.study.simulate import Pilot, simulate
+
+BEST = ("tangent", "drift")
+"""The law and the estimator that fly by default."""
+
+LOST_SHARE = 0.25
+"""A run is lost when the rms of its tail is above this share of r_a."""
+
+Progress = Callable[[str, int, int], None]
+"""(what runs, runs done, runs in all)"""
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """What a law on an estimator does in a scenario. Shares are of the runs; tail = the second half of a run."""
+
+    scenario: str
+    law: str
+    estimator: str
+    runs: int
+    settled: float  # share inside max(5 % of r_a, 3 sigma_r) for good before the end
+    lost: float  # share whose tail rms is above r_a / 4
+    settle_time_s: float | None  # median over the settled ones; None when there are none
+    tail_ms_m2: float  # mean (r - r_a)^2 over the tails of all runs
+    tail_rms_m: float  # its root
+    tail_bias_m: float  # mean r - r_a
+    worst_rms_m: float  # of the worst run's tail
+    u2_ratio: float  # mean u^2 of the tails over (V / r_a)^2, u = the command as limited
+    least_range_m: float  # over all runs, from the start on
+
+
+def row(scenario: Scenario, pilot: Pilot, runs: int, seed: int, progress: Callable[[int], None] | None = None) -> Row:
+    """Fly a scenario `runs` times and return its row."""
+    flown = simulate(scenario, pilot, runs, seed, progress)
+    rms = np.sqrt(flown["tail_ms"])
+    settled = np.isfinite(flown["settle_s"])
+    ms = float(flown["tail_ms"].mean())
+    return Row(
+        scenario=scenario.name,
+        law=pilot.law,
+        estimator=pilot.estimator,
+        runs=runs,
+        settled=float(settled.mean()),
+        lost=float((~(rms <= LOST_SHARE * scenario.r_a_m)).mean()),
+        settle_time_s=float(np.median(flown["settle_s"][settled])) if settled.any() else None,
+        tail_ms_m2=ms,
+        tail_rms_m=math.sqrt(ms),
+        tail_bias_m=float(flown["tail_bias"].mean()),
+        worst_rms_m=float(rms.max()),
+        u2_ratio=float(flown["tail_u2"].mean()) / scenario.turn_rate_on_the_circle**2,
+        least_range_m=float(flown["least_range"].min()),
+    )
+
+
+def flies_on(law: str, estimator: str) -> bool:
+    """Return whether the estimator gives what the law needs."""
+    return set(LAWS[law].needs) <= ESTIMATORS[estimator].gives
+
+
+def pairs(laws: Sequence[str], estimators: Sequence[str]) -> list[tuple[str, str]]:
+    """Return the combinations that can fly."""
+    return [(law, estimator) for law in laws for estimator in estimators if flies_on(law, estimator)]
+
+
+def compare(
+    scenarios: Iterable[str],
+    laws: Sequence[str] = (BEST[0],),
+    estimators: Sequence[str] = (BEST[1],),
+    runs: int = 100,
+    seed: int = 1,
+    progress: Progress | None = None,
+) -> list[Row]:
+    """Return a row for every scenario and every combination that can fly.
+
+    ValueError, with the names that exist, for one that does not, and when nothing can fly.
+    """
+    names = list(scenarios)
+    for given, known, what in (
+        (names, SCENARIOS, "scenario"),
+        (laws, LAWS, "law"),
+        (estimators, ESTIMATORS, "estimator"),
+    ):
+        for name in given:
+            if name not in known:
+                raise ValueError(f"no {what} is called {name!r}; there are {', '.join(known)}")
+    if runs < 1:
+        raise ValueError(f"runs must be 1 or more, not {runs}")
+    flown = pairs(laws, estimators)
+    if not flown:
+        raise ValueError(
+            f"{', '.join(laws)} cannot fly on {', '.join(estimators)}: the estimate lacks what the law needs"
+        )
+    rows = []
+    jobs = [(name, law, estimator) for law, estimator in flown for name in names]
+    for n, (name, law, estimator) in enumerate(jobs):
+        tell = _teller(progress, f"{name} {law} {estimator}", n * runs, runs, len(jobs) * runs)
+        rows.append(row(SCENARIOS[name], Pilot(law, estimator), runs, seed, tell))
+    return rows
+
+
+def _teller(progress: Progress | None, title: str, before: int, runs: int, whole: int) -> Callable[[int], None]:
+    done = 0
+
+    def tell(more: int) -> None:
+        nonlocal done
+        done += more
+        if progress:
+            progress(title, before + min(done, runs), whole)
+
+    return tell
+
+
+COLUMNS = (
+    ("scenario", "{:16s}"),
+    ("law", "{:17s}"),
+    ("estimator", "{:9s}"),
+    ("settled", "{:7.3f}"),
+    ("lost", "{:6.3f}"),
+    ("settle_time_s", "{:13.1f}"),
+    ("tail_rms_m", "{:10.3f}"),
+    ("tail_bias_m", "{:11.3f}"),
+    ("worst_rms_m", "{:11.3f}"),
+    ("u2_ratio", "{:8.3f}"),
+    ("least_range_m", "{:13.1f}"),
+)
+
+
+def table(rows: Iterable[Row]) -> str:
+    """Return the rows as plain text."""
+    widths = [len(form.format(*("" if form.endswith("s}") else 0.0,))) for _, form in COLUMNS]
+    lines = ["  ".join(name.ljust(width) for (name, _), width in zip(COLUMNS, widths, strict=True)).rstrip()]
+    for one in rows:
+        cells = ((getattr(one, name), form) for name, form in COLUMNS)
+        lines.append("  ".join(form.format(math.nan if value is None else value) for value, form in cells))
+    return "\n".join(lines)
+
+
+def to_json(rows: Iterable[Row]) -> str:
+    """Return the rows as a JSON list; a number that does not exist is null."""
+    return json.dumps([{k: finite(v) for k, v in asdict(one).items()} for one in rows], indent=1)
+
+
+def finite(value: object) -> object:
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command; 2 for a name that does not exist."""
+    parser = argparse.ArgumentParser(prog="compare", description=__doc__)
+    parser.add_argument("--scenario", action="append", help="by name; may be given again (default: all)")
+    parser.add_argument("--law", action="append")
+    parser.add_argument("--estimator", action="append")
+    parser.add_argument("--all", action="store_true", help="every law on every estimator")
+    parser.add_argument("--runs", type=int, default=100)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--json", type=Path)
+    given = parser.parse_args(arguments)
+    laws = given.law or (list(LAWS) if given.all else [BEST[0]])
+    estimators = given.estimator or (list(ESTIMATORS) if given.all else [BEST[1]])
+    start = time.monotonic()
+
+    def progress(title: str, done: int, whole: int) -> None:
+        print(f"\r{100 * done // whole:3d} %  {title:50s}", end="", file=sys.stderr, flush=True)
+
+    try:
+        rows = compare(given.scenario or list(SCENARIOS), laws, estimators, given.runs, given.seed, progress)
+    except ValueError as fault:
+        print(fault, file=sys.stderr)
+        return 2
+    print(f"\r{'':60s}\r{len(rows)} rows in {time.monotonic() - start:.0f} s", file=sys.stderr)
+    print(table(rows))
+    if given.json:
+        given.json.write_text(to_json(rows), encoding="utf-8")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

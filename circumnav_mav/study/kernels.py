@@ -1,0 +1,91 @@
+"""Compiles kernels with numba, each after the kernels it calls; hands them back as they are when numba is absent.
+
+A kernel finds the others as globals of its module. So a compiled kernel is the same code with its globals replaced by
+their compiled twins, and no list of kernels in dependency order has to be kept by hand.
+Compiled code is kept on disk under a key made from the source of the whole guidance and study packages: numba's own
+cache looks at one file only and would run an old callee after an edit.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import types
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import circumnav_mav
+
+numba: Any = None  # without it the study runs twenty times slower
+with contextlib.suppress(ImportError):
+    import numba
+
+PACKAGE = Path(circumnav_mav.__file__).parent
+
+
+def available() -> bool:
+    """Return whether kernels are compiled."""
+    return numba is not None
+
+
+def compiled(
+    kernel: Callable[..., Any], bound: Mapping[str, Callable[..., Any]] | None = None, *, side_by_side: bool = False
+) -> Callable[..., Any]:
+    """Return the kernel compiled with all it calls; `bound` gives it other functions for some of its globals.
+
+    So one driver, written with global names such as LAW, becomes one machine-code program a law and estimator.
+    side_by_side: for loops over many trajectories at once. What the kernel calls is put into it, division is that of C
+    and a product may be fused with a sum; without these the loops do not vectorise.
+    """
+    bound = bound or {}
+    if numba is None:
+        return _twin(kernel, bound)
+    names = "+".join(sorted(f"{f.__module__}.{f.__qualname__}" for f in bound.values())) + f" {side_by_side}"
+    directory = PACKAGE / "study" / "__pycache__" / "kernels" / _digest(names)
+    before = numba.config.CACHE_DIR
+    numba.config.CACHE_DIR = str(directory)
+    try:
+        return _compile(kernel, bound, {}, SIDE_BY_SIDE if side_by_side else ONE_BY_ONE)
+    finally:
+        numba.config.CACHE_DIR = before
+
+
+ONE_BY_ONE: Mapping[str, Any] = {"error_model": "python"}
+SIDE_BY_SIDE: Mapping[str, Any] = {"error_model": "numpy", "fastmath": {"contract"}}
+
+
+def _compile(
+    kernel: Callable[..., Any], bound: Mapping[str, Any], done: dict[Any, Any], flags: Mapping[str, Any]
+) -> Callable[..., Any]:
+    if kernel not in done:
+        inner = {**flags, "forceinline": True} if flags is SIDE_BY_SIDE else flags
+        callees = {name: _compile(f, {}, done, inner) for name, f in _callees(kernel)}
+        callees.update({name: _compile(f, {}, done, inner) for name, f in bound.items()})
+        done[kernel] = numba.njit(_twin(kernel, callees), nogil=True, cache=True, **flags)
+    twin: Callable[..., Any] = done[kernel]
+    return twin
+
+
+def _callees(kernel: Callable[..., Any]) -> Iterator[tuple[str, types.FunctionType]]:
+    for name in kernel.__code__.co_names:
+        value = kernel.__globals__.get(name)
+        if isinstance(value, types.FunctionType) and value.__module__.startswith("circumnav_mav."):
+            yield name, value
+
+
+def _twin(kernel: Callable[..., Any], replaced: Mapping[str, Any]) -> Callable[..., Any]:
+    """Return the same function seeing other globals."""
+    twin = types.FunctionType(
+        kernel.__code__, {**kernel.__globals__, **replaced}, kernel.__name__, kernel.__defaults__, kernel.__closure__
+    )
+    twin.__qualname__ = kernel.__qualname__
+    return twin
+
+
+def _digest(names: str) -> str:
+    digest = hashlib.sha256(names.encode())
+    for folder in ("guidance", "study"):
+        for path in sorted((PACKAGE / folder).rglob("*.py")):
+            digest.update(path.read_bytes())
+    return digest.hexdigest()[:16]

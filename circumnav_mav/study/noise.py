@@ -1,0 +1,83 @@
+"""What chance does in a run: keyed by seed and index of the run, so that it is the same for any law and any workers."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from circumnav_mav.study.plant import Plant, World
+from circumnav_mav.study.scenarios import Scenario
+
+Floats = NDArray[np.float64]
+
+
+class Chance(NamedTuple):
+    """The draws of one run. One row a range; gusts one row a control step (or none)."""
+
+    range_error_m: Floats
+    rate_error_m_s: Floats  # empty when the sensor has no rate
+    gust_x: Floats  # standard normal; empty without gusts
+    gust_y: Floats
+    plant: Plant
+    start: World
+
+
+def draw(scenario: Scenario, seed: int, index: int) -> Chance:
+    """Return the draws of run `index`. Scenarios that differ in one thing share the draws of all others."""
+    place, ranges, rates, gusts = (
+        np.random.Generator(np.random.SFC64(np.random.SeedSequence(seed, spawn_key=(index, stream))))
+        for stream in range(4)
+    )
+    steps = round(scenario.duration_s / scenario.control_s)
+    n = steps // scenario.range_every + 1
+    return Chance(
+        _range_errors(scenario, ranges, n),
+        rates.standard_normal(0 if math.isnan(scenario.sigma_r_dot_m_s) else n) * scenario.sigma_r_dot_m_s,
+        gusts.standard_normal(steps if scenario.gust_m_s > 0.0 else 0),
+        gusts.standard_normal(steps if scenario.gust_m_s > 0.0 else 0),
+        *_place(scenario, place),
+    )
+
+
+def _range_errors(scenario: Scenario, chance: np.random.Generator, n: int) -> Floats:
+    errors = chance.standard_normal(n) * scenario.sigma_r_m
+    if scenario.outlier_share > 0.0:
+        echo = chance.random(n) < scenario.outlier_share
+        errors = errors + echo * chance.exponential(scenario.outlier_mean_m, n)
+    return errors
+
+
+def _place(scenario: Scenario, chance: np.random.Generator) -> tuple[Plant, World]:
+    """Return the plant and the start of a run. Every draw is made in every scenario, so that they stay comparable."""
+    near, far = scenario.start_m
+    r = near + (far - near) * chance.random()
+    bearing, heading, wind, target = chance.random(4) * 2.0 * math.pi
+    if not math.isnan(scenario.start_bearing_deg):
+        bearing = math.radians(scenario.start_bearing_deg)
+    if not math.isnan(scenario.start_heading_deg):
+        heading = math.radians(scenario.start_heading_deg)
+    if scenario.start_away:
+        heading = bearing
+    if not math.isnan(scenario.wind_deg):
+        wind = math.radians(scenario.wind_deg)
+    if not math.isnan(scenario.target_deg):
+        target = math.radians(scenario.target_deg)
+    tvx, tvy = scenario.target_m_s * math.cos(target), scenario.target_m_s * math.sin(target)
+    plant = Plant(
+        V=scenario.V_m_s,
+        dt=scenario.control_s,
+        lag=scenario.lag_s,
+        limit=scenario.limit_rad_s,
+        wind_x=scenario.wind_m_s * math.cos(wind),
+        wind_y=scenario.wind_m_s * math.sin(wind),
+        target_turn=scenario.target_turn_rad_s,
+        gust=scenario.gust_m_s,
+        gust_s=5.0,
+        speed_step=scenario.speed_step,
+        step_s=scenario.duration_s / 3.0,
+    )
+    start = World(0.0, r * math.cos(bearing), r * math.sin(bearing), heading, 0.0, 0.0, 0.0, tvx, tvy, 0.0, 0.0)
+    return plant, start

@@ -1,0 +1,182 @@
+"""Faults on a timeline, one line each, the same in lockstep and in real time; equal seeds give equal flights.
+
+    FROM-TO KIND ARGUMENTS      a state that holds from FROM to TO [s since boot]
+    AT KIND ARGUMENTS           something that happens at AT
+
+FAULTS below is the list of kinds with what they mean; `parse` turns a line into a Fault or says what is wrong with it.
+"""
+
+from __future__ import annotations
+
+import math
+import random
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from sitl_stub.modes import Mode
+
+REORDER_S = 0.1  # a reordered frame comes up to this much later than it should
+
+
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """One line of the timeline; to_s is infinite for what merely happens at from_s."""
+
+    from_s: float
+    to_s: float
+    kind: str
+    words: tuple[str, ...]  # its arguments
+    line: str
+
+
+def _share(text: str) -> None:
+    if not 0.0 <= float(text) <= 1.0:
+        raise ValueError
+
+
+def _number(text: str) -> None:
+    if not math.isfinite(float(text)):
+        raise ValueError
+
+
+def _pair(text: str) -> None:
+    if len([float(part) for part in text.split(",")]) != 2:
+        raise ValueError
+
+
+def _one_of(*names: str) -> Callable[[str], None]:
+    def check(text: str) -> None:
+        if text not in names:
+            raise ValueError
+
+    return check
+
+
+def _assignment(text: str) -> None:
+    name, equals, value = text.partition("=")
+    if not name or not equals:
+        raise ValueError
+    float(value)
+
+
+def _byte(text: str) -> None:
+    if not 0 <= int(text) <= 255:
+        raise ValueError
+
+
+_DIRECTION = _one_of("in", "out")
+MODES = {mode.name.lower(): mode for mode in Mode}
+
+# kind -> (whether it lasts, checks of its arguments, how the arguments are written, what it does)
+FAULTS: dict[str, tuple[bool, tuple[Callable[[str], None], ...], str, str]] = {
+    "silence": (True, (), "", "no frame of the companion's link passes, either way"),
+    "drop": (True, (_DIRECTION, _share), "in|out SHARE", "a share of frames is lost on the way in or out"),
+    "delay": (True, (_DIRECTION, _number), "in|out SECONDS", "every frame comes later"),
+    "duplicate": (True, (_DIRECTION, _share), "in|out SHARE", "a share of frames comes twice"),
+    "reorder": (True, (_DIRECTION, _share), "in|out SHARE", "a share of frames is overtaken by later ones"),
+    "corrupt": (True, (_DIRECTION, _share), "in|out SHARE", "a byte of a share of frames is wrong"),
+    "range-stop": (True, (), "", "the radio measures nothing"),
+    "range-stick": (True, (), "", "the radio repeats its last range"),
+    "range-add": (True, (_number,), "METRES", "every range is wrong by so much"),
+    "range-value": (True, (_number,), "METRES", "every range reads this: 0, 655.35, 1e6, ..."),
+    "range-invalid": (True, (), "", "signal_quality says invalid and the range reads 0"),
+    "range-id": (True, (_byte,), "ID", "ranges come with another sensor id"),
+    "range-orientation": (True, (_byte,), "ORIENTATION", "ranges come with another orientation"),
+    "refuse-arm": (True, (), "", "arming is refused"),
+    "refuse-offboard": (True, (), "", "OFFBOARD is refused, and lost if it is flown"),
+    "deaf": (True, (), "", "setpoints are ignored"),
+    "no-gps": (True, (), "", "there is no position estimate"),
+    "foreign": (True, (_byte,), "SYSTEM_ID", "another PX4 talks on the companion's link, perhaps with our id"),
+    "reboot": (False, (), "", "the autopilot boots: two seconds of silence, disarmed, time from zero"),
+    "clock": (False, (_number,), "SECONDS", "the autopilot's clock jumps"),
+    "gcs": (False, (_one_of(*MODES),), "MODE", "a ground station asks for a mode: hold, posctl, rtl, land, ..."),
+    "param": (False, (_assignment,), "NAME=VALUE", "a parameter changes"),
+    "wind": (False, (_pair,), "EAST,NORTH", "the wind becomes this [m/s]"),
+    "beacon": (False, (_pair,), "EAST,NORTH", "the beacon is put here [m]"),
+}
+
+
+def parse(line: str) -> Fault:
+    """Return the fault of one line. ValueError in words."""
+    words = line.split()
+    if len(words) < 2:
+        raise ValueError(
+            f"fault {line!r}: it reads FROM-TO KIND ARGUMENTS or AT KIND ARGUMENTS, like '40-55 range-stop'"
+        )
+    when, kind, arguments = words[0], words[1], tuple(words[2:])
+    if kind not in FAULTS:
+        raise ValueError(f"fault {line!r}: no kind {kind!r}; there are {', '.join(FAULTS)}")
+    lasts, checks, usage, _ = FAULTS[kind]
+    begin, dash, end = when.partition("-")
+    try:
+        from_s, to_s = float(begin), float(end) if dash else math.inf
+    except ValueError:
+        raise ValueError(f"fault {line!r}: {when!r} is neither FROM-TO nor AT in seconds") from None
+    if lasts and not (dash and 0.0 <= from_s < to_s):
+        raise ValueError(f"fault {line!r}: {kind} lasts, it needs FROM-TO with FROM before TO")
+    if not lasts and dash:
+        raise ValueError(f"fault {line!r}: {kind} happens at one time, it takes no FROM-TO")
+    if len(arguments) != len(checks):
+        raise ValueError(f"fault {line!r}: {kind} is written '{'FROM-TO' if lasts else 'AT'} {kind} {usage}'")
+    for check, argument in zip(checks, arguments, strict=True):
+        try:
+            check(argument)
+        except ValueError:
+            raise ValueError(f"fault {line!r}: {argument!r} does not fit '{kind} {usage}'") from None
+    return Fault(from_s, to_s, kind, arguments, line)
+
+
+class Timeline:
+    """Tells which faults begin and end as time goes on."""
+
+    def __init__(self, lines: tuple[str, ...]) -> None:
+        faults = [parse(line) for line in lines]
+        changes = [(f.from_s, i, True, f) for i, f in enumerate(faults)]
+        changes += [(f.to_s, i, False, f) for i, f in enumerate(faults) if math.isfinite(f.to_s)]
+        self.faults = faults
+        self._changes = sorted(changes, key=lambda c: (c[0], c[2], c[1]))
+        self._next = 0
+
+    def until(self, now_s: float) -> list[tuple[Fault, bool]]:
+        """Return the faults that began (True) or ended (False) by now_s since the last call."""
+        found = []
+        while self._next < len(self._changes) and self._changes[self._next][0] <= now_s + 1e-9:
+            _, _, begins, fault = self._changes[self._next]
+            found.append((fault, begins))
+            self._next += 1
+        return found
+
+
+class Disturbance:
+    """What happens to frames on their way in one direction, while faults of that direction are active."""
+
+    def __init__(self, seed: int, direction: str) -> None:
+        self.active: list[Fault] = []
+        self._random = random.Random(f"{seed}:{direction}")
+
+    def __call__(self, raw: bytes) -> list[tuple[float, bytes]]:
+        """Return (delay [s], frame) for everything that becomes of one frame."""
+        frames = [(0.0, raw)]
+        for fault in self.active:
+            frames = [out for delay_s, one in frames for out in self._disturb(fault, delay_s, one)]
+        return frames
+
+    def _disturb(self, fault: Fault, delay_s: float, raw: bytes) -> list[tuple[float, bytes]]:
+        if fault.kind == "silence":
+            return []
+        amount = float(fault.words[1])
+        if fault.kind == "delay":
+            return [(delay_s + amount, raw)]
+        if self._random.random() >= amount:
+            return [(delay_s, raw)]
+        if fault.kind == "drop":
+            return []
+        if fault.kind == "duplicate":
+            return [(delay_s, raw), (delay_s, raw)]
+        if fault.kind == "reorder":
+            return [(delay_s + REORDER_S * self._random.random(), raw)]
+        at, flip = self._random.randrange(len(raw)), self._random.randrange(1, 256)
+        return [(delay_s, raw[:at] + bytes((raw[at] ^ flip,)) + raw[at + 1 :])]
+
+
+FRAME_FAULTS = frozenset({"silence", "drop", "delay", "duplicate", "reorder", "corrupt"})

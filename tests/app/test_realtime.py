@@ -1,0 +1,165 @@
+"""Real processes over sockets on the wall clock: what only they can show."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from pymavlink.dialects.v20 import all as mavlink
+
+from circumnav_mav.report import numbers, read_columns
+
+pytestmark = pytest.mark.realtime
+ROOT = Path(__file__).parents[2]
+CIRCUMNAV = [sys.executable, "-c", "from circumnav_mav.cli import main; main()"]
+
+
+def free_port() -> int:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+@contextlib.contextmanager
+def process(*command: str, **more) -> Iterator[subprocess.Popen]:
+    child = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **more)
+    try:
+        yield child
+    finally:
+        if child.poll() is None:
+            child.kill()
+        child.communicate()
+
+
+@contextlib.contextmanager
+def stub(port: int, *arguments: str, truth: Path) -> Iterator[subprocess.Popen]:
+    ports = ["--offboard-port", str(port), "--offboard-listen", "0", "--gcs-port", "0"]
+    with process(sys.executable, "-m", "sitl_stub", *ports, "--truth", str(truth), *arguments) as child:
+        yield child
+
+
+def run(*arguments: str, timeout: float = 120) -> subprocess.CompletedProcess:
+    return subprocess.run([*CIRCUMNAV, *arguments], cwd=ROOT, capture_output=True, text=True, timeout=timeout)
+
+
+def written(tmp_path: Path, text: str) -> str:
+    path = tmp_path / "c.yaml"
+    path.write_text(text + f"\nrecord: {{directory: {tmp_path}/flights}}\n")
+    return str(path)
+
+
+def test_the_demo_settles_and_leaves_what_it_promises(tmp_path):
+    """`make demo` as a user starts it; the bounds are the project's own figures."""
+    config = written(tmp_path, "orbit: {radius_m: 50}")
+    done = run("demo", "--config", config, "--json", str(tmp_path / "demo.json"), "--seed", "3")
+    assert done.returncode == 0, done.stdout + done.stderr
+    figures = json.loads((tmp_path / "demo.json").read_text())
+    assert figures["outcome"] == "completed" and figures["phase"] == "finished" and figures["error_from"] == "truth"
+    assert figures["tail_rms_error_m"] < 0.6 and figures["tail_max_error_m"] < 1.5
+    (flight,) = (tmp_path / "flights").iterdir()
+    assert {p.name for p in flight.iterdir()} == {"events.log", "flight.png", "flight.tlog", "ticks.csv", "truth.csv"}
+    assert (flight / "flight.png").stat().st_size > 20_000
+    assert "settled" in done.stdout and "Traceback" not in done.stderr
+
+
+def test_a_busy_port_is_one_line(tmp_path):
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
+        taken.bind(("127.0.0.1", 0))
+        port = taken.getsockname()[1]
+        done = run("fly", written(tmp_path, f"vehicle: {{link: 'udpin://127.0.0.1:{port}'}}"))
+    assert done.returncode == 3
+    assert f"udpin://127.0.0.1:{port}: the port is in use" in done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1
+
+
+def test_no_autopilot_is_one_line(tmp_path):
+    done = run("fly", written(tmp_path, f"vehicle: {{link: 'udpin://127.0.0.1:{free_port()}'}}"), "--wait", "1")
+    assert done.returncode == 1
+    assert "no_autopilot" in done.stderr and "check vehicle.link" in done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1
+
+
+def test_no_range_is_one_line_and_says_that_the_decoy_was_heard(tmp_path):
+    port = free_port()
+    with stub(port, "--no-radio", "--airborne", "15", truth=tmp_path / "truth.csv"):
+        done = run("fly", written(tmp_path, f"vehicle: {{link: 'udpin://127.0.0.1:{port}'}}"), "--wait", "3")
+    assert done.returncode == 1
+    assert "no_range" in done.stderr
+
+
+def test_a_wrong_configuration_is_a_line_a_fault_and_nothing_moves(tmp_path):
+    done = run("fly", written(tmp_path, "orbit: {radius: 50, speed_m_s: -1}"))
+    assert done.returncode == 2
+    assert len(done.stderr.strip().splitlines()) == 2
+    assert "did you mean 'radius_m'" in done.stderr
+    assert not (tmp_path / "flights").exists()
+
+
+def test_ctrl_c_hands_over_to_hold_and_a_pilot_engages(tmp_path):
+    """fly with engage: pilot. A ground station selects Offboard; Ctrl-C ends it in Hold with the logs closed."""
+    port, gcs = free_port(), free_port()
+    config = written(tmp_path, f"vehicle: {{link: 'udpin://127.0.0.1:{port}'}}")
+    truth = tmp_path / "truth.csv"
+    with (
+        stub(port, "--airborne", "15", "--gcs-listen", str(gcs), truth=truth) as vehicle,
+        process(*CIRCUMNAV, "fly", config, "--json", str(tmp_path / "f.json")) as app,
+    ):
+        wait_for(app, "select Offboard")
+        command = mavlink.MAVLink_command_long_message(1, 1, mavlink.MAV_CMD_DO_SET_MODE, 0, 1, 6, 0, 0, 0, 0, 0)
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as station:
+            station.sendto(command.pack(mavlink.MAVLink(None, 255, 190)), ("127.0.0.1", gcs))
+        wait_for(app, "acquiring")
+        time.sleep(2.0)
+        app.send_signal(signal.SIGINT)
+        out, err = app.communicate(timeout=30)
+        vehicle.terminate()
+        vehicle.communicate(timeout=10)
+    assert app.returncode == 0, out + err
+    assert json.loads((tmp_path / "f.json").read_text())["outcome"] == "completed"
+    modes = read_columns(truth)["mode"]
+    assert modes[0] == modes[-1] == "AUTO/LOITER" and "OFFBOARD" in modes
+
+
+def wait_for(app: subprocess.Popen, word: str) -> None:
+    """Read the app's output up to a line with `word`; the process's own time limit ends a vain wait."""
+    assert app.stdout is not None
+    for line in app.stdout:
+        if word in line:
+            return
+    pytest.fail(f"the app ended before it said '{word}'")
+
+
+def test_a_frozen_app_is_silent_and_does_not_take_the_aircraft_back(tmp_path):
+    """SIGSTOP for 3 s in orbit: PX4's failsafe acts; after SIGCONT the app sends no setpoint and says why."""
+    port = free_port()
+    config = written(tmp_path, f"vehicle: {{link: 'udpin://127.0.0.1:{port}'}}\nengage: auto\norbit: {{height_m: 3}}")
+    truth = tmp_path / "truth.csv"
+    with (
+        stub(port, "--beacon", "60,0", "--param", "COM_OBL_RC_ACT=5", truth=truth) as vehicle,
+        process(*CIRCUMNAV, "fly", config) as app,
+    ):
+        wait_for(app, "acquiring")
+        time.sleep(2.0)
+        os.kill(app.pid, signal.SIGSTOP)
+        time.sleep(3.0)
+        os.kill(app.pid, signal.SIGCONT)
+        wait_for(app, "released")
+        time.sleep(2.0)
+        app.send_signal(signal.SIGINT)
+        app.communicate(timeout=30)
+        vehicle.terminate()
+        vehicle.communicate(timeout=10)
+    columns = read_columns(truth)
+    t_s, modes = numbers(columns["t_s"]), columns["mode"]
+    held = [t for t, mode in zip(t_s, modes, strict=True) if mode == "OFFBOARD"]
+    assert modes[-1] == "AUTO/LOITER"
+    assert t_s[-1] - held[-1] > 3.0, "the aircraft was taken back after the freeze"

@@ -1,0 +1,80 @@
+"""The figures of a flight against hand-made ones."""
+
+from __future__ import annotations
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+from circumnav_mav.config import Config
+from circumnav_mav.report import Track, draw, lines, settling, summarise
+from circumnav_mav.runtime.app import Result
+
+RESULT = Result("completed", "the end", "finished", engaged_s=10.0, duration_s=110.0, ticks=5500, missed_ticks=3)
+
+
+def track(error) -> Track:
+    t_s = np.arange(10.0, 110.0, 0.1)
+    return Track("truth", t_s, np.array([error(t) for t in t_s]))
+
+
+def test_settling_counts_from_engagement_to_the_last_entry_of_the_band():
+    # Outside until 30 s, inside to 50 s, outside once more until 60 s: settled at 60 s, 50 s after engagement.
+    settle_s, rms_m, worst_m = settling(Config(), track(lambda t: 9.0 if t < 30 or 50 < t < 60 else 1.0))
+    assert settle_s == pytest.approx(50.0, abs=0.11)
+    assert (rms_m, worst_m) == (1.0, 1.0)
+
+
+def test_the_tail_is_the_last_half_after_settling():
+    # Settled at once, at 10 s; the track ends at 109.9 s, so the tail begins at 59.95 s.
+    _, rms_m, worst_m = settling(Config(), track(lambda t: 2.0 if t < 59.9 else 0.5))
+    assert (rms_m, worst_m) == (0.5, 0.5)
+
+
+def test_an_orbit_that_ends_outside_never_settled():
+    assert settling(Config(), track(lambda t: 1.0 if t < 100 else 9.0)) == (None, None, None)
+    assert settling(Config(), track(lambda t: math.nan)) == (None, None, None)
+
+
+def test_the_band_is_not_narrower_than_three_sigmas():
+    noisy = Config.model_validate({"ranging": {"sigma_m": 3.0}})
+    assert settling(noisy, track(lambda t: 8.9))[0] == 0.0
+    assert settling(Config(), track(lambda t: 8.9))[0] is None
+
+
+def test_the_json_has_the_documented_fields_and_null_for_what_is_not_there(tmp_path):
+    ticks = {
+        "t_s": ["1", "2"],
+        "phase": ["ready", "ready"],
+        "lateness_s": ["0.001", "0.002"],
+        "sample_age_s": ["1", "2"],
+    }
+    summary = summarise(Config(), RESULT, {**ticks, "r_m": ["nan", "60"]}, None)
+    path = tmp_path / "deep" / "out.json"
+    summary.write(path)
+    read = json.loads(path.read_text())
+    assert set(read) == {
+        *("outcome", "text", "phase", "error_from", "orbit_radius_m", "settle_time_s", "tail_rms_error_m"),
+        *(
+            "tail_max_error_m",
+            "ticks",
+            "missed_ticks",
+            "tick_lateness_p99_s",
+            "sample_age_p99_s",
+            "rejected",
+            "duration_s",
+        ),
+    }
+    assert (read["settle_time_s"], read["sample_age_p99_s"], read["error_from"]) == (None, None, "estimate")
+    assert read["tick_lateness_p99_s"] == pytest.approx(0.00199)
+    assert any("never settled" in line for line in lines(summary))
+
+
+def test_a_flight_without_a_truth_is_drawn_too(tmp_path):
+    ticks = {
+        name: ["1.0", "2.0"] for name in ("t_s", "range_m", "r_m", "turn_rate_flown_rad_s", "turn_rate_sent_rad_s")
+    }
+    draw(tmp_path / "f.png", Config(), ticks, None, "title")
+    assert (tmp_path / "f.png").read_bytes()[:4] == b"\x89PNG"

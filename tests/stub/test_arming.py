@@ -1,0 +1,212 @@
+"""Arming and take-off without RC and GCS, row by row: PX4.md, section 2."""
+
+from __future__ import annotations
+
+import math
+import struct
+
+import pytest
+from pymavlink.dialects.v20 import all as mavlink
+
+from tests.stub.rig import HERE, Rig, first_time, flying
+
+AMSL_M = 489.4
+INT32, REAL32 = 6, 9
+
+
+def ready(**fields: object) -> Rig:
+    rig = Rig(**fields)
+    rig.gcs_heartbeat()
+    rig.run(2.0)
+    return rig
+
+
+def as_float(value: int) -> float:
+    return struct.unpack("<f", struct.pack("<i", value))[0]
+
+
+def keep_gcs(rig: Rig, seconds: float) -> None:
+    for _ in range(round(seconds)):
+        rig.gcs_heartbeat()
+        rig.run(1.0)
+
+
+def test_boot_is_uninit_then_standby() -> None:
+    rig = Rig(ready_after_s=7.0)
+    rig.run(10.0)
+    statuses = [m.system_status for m in rig.all("HEARTBEAT")]
+    assert statuses[:5] == [0] * 5
+    assert statuses[-2:] == [3, 3]
+    assert rig.all("HEARTBEAT")[-1].base_mode == 29
+
+
+def test_arming_is_refused_before_ready() -> None:
+    rig = Rig(ready_after_s=7.0)
+    rig.run(3.0)
+    assert rig.command(400, 1) == [1]
+    rig.run(5.0)
+    assert rig.command(400, 1) == [0]
+
+
+def test_arm_is_acked_after_10_to_15_ms_and_seen_within_a_second() -> None:
+    rig = ready()
+    asked_s = rig.now_s
+    assert rig.command(400, 1) == [0]
+    acked_s = next(t for t, m in rig.heard if m.get_type() == "COMMAND_ACK")
+    assert 0.008 <= acked_s - asked_s <= 0.021
+    rig.run(1.0)
+    beat = rig.all("HEARTBEAT")[-1]
+    assert (beat.base_mode, beat.system_status, beat.custom_mode) == (157, 4, 0x03040000)
+    assert "Armed by external command\t" in rig.texts()
+
+
+@pytest.mark.parametrize(("height_m", "measured_s"), [(2.5, 3.9), (20.0, 18.0)])
+def test_take_off_climbs_and_goes_on_to_hold(height_m: float, measured_s: float) -> None:
+    rig = ready(height_drift_m_s=0.0)
+    rig.command(400, 1)
+    assert rig.command(22, 0, 0, 0, HERE, HERE, HERE, HERE if height_m == 2.5 else AMSL_M + height_m) == [0]
+    assert rig.mode == "AUTO/TAKEOFF"
+    assert first_time(rig, lambda: rig.mode == "AUTO/LOITER", 40.0) == pytest.approx(measured_s, rel=0.25)
+    rig.run(3.0)
+    assert rig.stub.truth().height_m == pytest.approx(height_m, abs=0.2)
+
+
+def test_take_off_speed() -> None:
+    rig = ready(height_drift_m_s=0.0)
+    rig.command(400, 1)
+    rig.command(22, 0, 0, 0, HERE, HERE, HERE, AMSL_M + 30.0)
+    rig.run(8.0)
+    assert 1.2 <= rig.stub.truth().climb_m_s <= 1.5
+
+
+def test_take_off_works_in_flight() -> None:
+    """From 2 to 20 m in 9 s."""
+    rig = flying(height_m=2.0)
+    rig.command(22, 0, 0, 0, HERE, HERE, HERE, AMSL_M + 20.0)
+    assert first_time(rig, lambda: rig.mode == "AUTO/LOITER", 30.0) == pytest.approx(9.0, rel=0.35)
+
+
+def test_take_off_while_disarmed_waits_for_arming() -> None:
+    rig = ready(height_drift_m_s=0.0)
+    assert rig.command(22, 0, 0, 0, HERE, HERE, HERE, HERE) == [0]
+    assert rig.mode == "AUTO/TAKEOFF"
+    rig.run(3.0)
+    assert rig.stub.truth().height_m == 0.0
+    rig.gcs_heartbeat()
+    rig.command(400, 1)
+    detected_s = first_time(rig, lambda: "Takeoff detected\t" in rig.texts(), 5.0)
+    assert detected_s == pytest.approx(1.9, abs=0.3)
+    assert "Using default takeoff altitude: 2.5 m\t" in rig.texts()
+    rig.run(6.0)
+    assert rig.stub.truth().height_m > 2.0
+
+
+def test_an_armed_vehicle_that_stays_is_disarmed() -> None:
+    rig = ready()
+    rig.command(400, 1)
+    waited_s = 0.1 + first_time(rig, lambda: not rig.stub.truth().armed, 20.0)
+    assert waited_s == pytest.approx(11.2, abs=0.4)
+
+
+def test_preflight_disarming_is_told() -> None:
+    rig = ready()
+    rig.command(400, 1)
+    keep_gcs(rig, 13.0)
+    assert "Disarmed by auto preflight disarming\t" in rig.texts()
+
+
+def test_landing_disarms() -> None:
+    rig = flying(height_m=5.0)
+    assert rig.command(21) == [0]
+    assert rig.mode == "AUTO/LAND"
+    keep_gcs(rig, 15.0)
+    assert not rig.stub.truth().armed
+    assert {"Landing detected\t", "Disarmed by landing\t"} <= set(rig.texts())
+    assert rig.mode == "AUTO/LOITER"
+
+
+def test_return_climbs_comes_home_and_lands() -> None:
+    rig = flying(height_m=15.0)
+    rig.enter_offboard(lambda _: rig.local(velocity=(6.0, 0.0, 0.0)))
+    rig.run(10.0)
+    rig.streaming = None
+    assert rig.command(20) == [0]
+    assert rig.mode == "AUTO/RTL"
+    highest = 0.0
+    for _ in range(150):
+        rig.run(1.0)
+        highest = max(highest, rig.stub.truth().height_m)
+    truth = rig.stub.truth()
+    assert highest == pytest.approx(30.0, abs=1.0)
+    assert math.hypot(truth.north_m, truth.east_m) < 1.0
+    assert not truth.armed
+
+
+def test_disarming_in_the_air_needs_force() -> None:
+    rig = flying()
+    assert rig.command(400, 0) == [1]
+    assert rig.command(400, 0, 21196) == [0]
+    rig.run(4.0)
+    assert rig.stub.truth().height_m == 0.0
+
+
+def test_manual_control_that_never_existed_is_not_missed() -> None:
+    rig = flying()
+    assert rig.stub.autopilot.params["NAV_RCL_ACT"] == 2
+    rig.run(10.0)
+    assert rig.mode == "AUTO/LOITER"
+    assert not rig.stub.truth().failsafe
+
+
+@pytest.mark.parametrize("rc_in_mode", [0, 1, 3, 4])
+def test_arming_without_rc_in_every_COM_RC_IN_MODE(rc_in_mode: int) -> None:
+    assert ready(params={"COM_RC_IN_MODE": rc_in_mode}).command(400, 1) == [0]
+
+
+def test_an_int_parameter_wants_its_bytes() -> None:
+    rig = ready()
+    rig.send(mavlink.MAVLink_param_set_message(1, 1, b"COM_OBL_RC_ACT", as_float(5), INT32))
+    rig.run(0.1)
+    assert rig.stub.autopilot.params["COM_OBL_RC_ACT"] == 5
+    answer = rig.all("PARAM_VALUE")[-1]
+    assert (answer.param_id, answer.param_value, answer.param_type) == ("COM_OBL_RC_ACT", as_float(5), INT32)
+
+
+def test_an_int_parameter_sent_as_a_float_is_silently_ignored() -> None:
+    rig = ready()
+    rig.send(mavlink.MAVLink_param_set_message(1, 1, b"COM_OBL_RC_ACT", 5.0, REAL32))
+    rig.run(0.1)
+    assert rig.stub.autopilot.params["COM_OBL_RC_ACT"] == 0
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("COM_RC_IN_MODE", 1), ("NAV_RCL_ACT", 2), ("NAV_DLL_ACT", 0), ("COM_RCL_EXCEPT", 0), ("COM_ARM_WO_GPS", 1),
+        ("COM_OF_LOSS_T", 1.0), ("COM_OBL_RC_ACT", 0), ("COM_FAIL_ACT_T", 5), ("COM_DL_LOSS_T", 10),
+        ("COM_RC_LOSS_T", 0.5), ("COM_RC_OVERRIDE", 1), ("CBRK_SUPPLY_CHK", 0), ("CBRK_USB_CHK", 197848),
+        ("CBRK_IO_SAFETY", 22027), ("COM_DISARM_PRFLT", 10), ("COM_DISARM_LAND", 2), ("MIS_TAKEOFF_ALT", 2.5),
+        ("COM_PREARM_MODE", 0), ("MAV_FWDEXTSP", 1),
+    ],
+)  # fmt: skip
+def test_boot_values(name: str, value: float) -> None:
+    rig = ready()
+    rig.send(mavlink.MAVLink_param_request_read_message(1, 1, name.encode(), -1))
+    rig.run(0.1)
+    answer = rig.all("PARAM_VALUE")[-1]
+    got = answer.param_value
+    if answer.param_type == INT32:
+        got = struct.unpack("<i", struct.pack("<f", got))[0]
+    assert (answer.param_id, got) == (name, value)
+
+
+@pytest.mark.parametrize(("name", "value"), [("COM_DISARM_PRFLT", -1), ("MIS_TAKEOFF_ALT", 25), ("NAV_LOITER_RAD", 80)])
+def test_boot_values_of_the_airplane(name: str, value: float) -> None:
+    assert Rig(airframe="fixed_wing").stub.autopilot.params[name] == value
+
+
+def test_z_is_not_zero_on_the_ground() -> None:
+    """Take heights from GLOBAL_POSITION_INT, or note z at arming: -0.73 to 0.01 m were seen."""
+    rig = ready(streams=(32, 33))
+    assert rig.all("LOCAL_POSITION_NED")[-1].z == pytest.approx(-0.46, abs=0.01)
+    assert rig.all("GLOBAL_POSITION_INT")[-1].relative_alt == 0

@@ -1,0 +1,139 @@
+"""The stub over sockets: its clock, its files, its complaints. Few, and only what lockstep cannot reach."""
+
+from __future__ import annotations
+
+import csv
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+from pymavlink.dialects.v20 import all as mavlink
+
+from sitl_stub import StubConfig, running
+from sitl_stub.running import free_port
+from sitl_stub.server import Endpoint, PortBusy, Server
+from sitl_stub.stub import Stub
+
+pytest_plugins = ["sitl_stub.pytest"]
+
+
+def stub_command(*arguments: str, port: int | None = None) -> list[str]:
+    ports = ["--offboard-port", str(port or free_port()), "--offboard-listen", "0"]
+    return [sys.executable, "-m", "sitl_stub", *ports, "--gcs-port", str(free_port()), "--gcs-listen", "0", *arguments]
+
+
+@pytest.mark.realtime
+def test_truth_file_and_duration(tmp_path: Path) -> None:
+    """At 20 times the speed: 20 flight seconds in a good second, 20 rows a flight second, then a clean end."""
+    path = tmp_path / "truth.csv"
+    command = stub_command("--airborne", "20", "--speed", "20", "--duration", "20", "--truth", str(path))
+    began_s = time.monotonic()
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    taken_s = time.monotonic() - began_s
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith("sitl_stub ")
+    assert " ready: multirotor" in done.stdout
+    assert taken_s >= 1.0
+    with path.open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == pytest.approx(400, abs=2)
+    assert float(rows[-1]["t_s"]) == pytest.approx(20.0, abs=0.06)
+    assert {row["mode"] for row in rows} == {"AUTO/LOITER"}
+    assert float(rows[-1]["height_m"]) == pytest.approx(20.0, abs=1.0)
+
+
+@pytest.mark.realtime
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_it_is_ready_soon_and_ends_cleanly_on_a_signal(number: int) -> None:
+    port = free_port()
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as companion:
+        companion.bind(("127.0.0.1", port))
+        companion.settimeout(10.0)
+        with subprocess.Popen(stub_command(port=port), stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+            assert companion.recv(2048)[0] == 0xFD  # it sends from boot on, nothing has to be sent first
+            os.kill(process.pid, number)
+            out, err = process.communicate(timeout=10.0)
+    assert process.returncode == 0
+    assert err == b""
+    assert out.count(b"\n") == 1
+
+
+def test_a_busy_port_is_one_clear_line() -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as holder:
+        holder.bind(("127.0.0.1", 0))
+        port = holder.getsockname()[1]
+        command = [*stub_command("--duration", "1"), "--offboard-listen", str(port)]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        with pytest.raises(PortBusy, match=str(port)):
+            Server(Stub(), {"offboard": Endpoint(port, 0)})
+    assert done.returncode == 3
+    assert done.stderr.count("\n") == 1
+    assert str(port) in done.stderr
+    assert "--offboard-port" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--param", "NO_SUCH=1"], "no parameter 'NO_SUCH'"),
+        (["--fault", "40 range-stop"], "needs FROM-TO"),
+        (["--beacon", "1,x"], "numbers"),
+        (["--speed", "0"], "positive"),
+        (["--truth", "/no/such/place/truth.csv"], "/no/such/place/truth.csv"),
+        (["--faults", "/no/such/file"], "/no/such/file"),
+    ],
+)
+def test_wrong_arguments_are_one_clear_line(arguments: list[str], words: str) -> None:
+    done = subprocess.run(stub_command(*arguments), capture_output=True, text=True, check=False)
+    assert done.returncode in (2, 3)
+    assert words in done.stderr.splitlines()[-1]
+    assert "Traceback" not in done.stderr
+
+
+@pytest.mark.realtime
+def test_the_fixture_gives_a_vehicle_that_flies(sitl: Any) -> None:
+    """A companion in ten lines, at ten times the speed: stream, ask for OFFBOARD, move north."""
+    vehicle = sitl(start_height_m=30.0, speed=10.0, radio=False)
+    mav = mavlink.MAVLink(None, 1, 191)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as companion:
+        companion.bind(("127.0.0.1", vehicle.port))
+        companion.settimeout(5.0)
+        _, peer = companion.recvfrom(2048)
+        setpoint = mavlink.MAVLink_set_position_target_local_ned_message(0, 1, 1, 8, 1479, *[0] * 3, 3, *[0] * 7)
+        request = mavlink.MAVLink_command_long_message(1, 1, 176, 0, 1, 6, 0, 0, 0, 0, 0)
+        for k in range(100):
+            companion.sendto(setpoint.pack(mav), peer)
+            if k == 1:
+                companion.sendto(request.pack(mav), peer)
+            time.sleep(0.01)
+    assert vehicle.truth().mode == "OFFBOARD"
+    assert vehicle.truth().north_m > 5.0
+
+
+def test_the_lockstep_fixture(sitl_lockstep: Any) -> None:
+    stub = sitl_lockstep(start_height_m=30.0)
+    stub.advance(1.0)
+    assert stub.take("offboard")
+    assert stub.truth().t_s == pytest.approx(1.0)
+
+
+@pytest.mark.realtime
+def test_the_clock_follows_the_factor_and_never_jumps() -> None:
+    """Flight time / wall time is the factor, and nothing runs faster than twice the pace after a stall."""
+    with running(StubConfig(start_height_m=10.0), speed=8.0) as vehicle:
+        began_s, wall_s = vehicle.truth().t_s, time.monotonic()
+        time.sleep(2.0)
+        factor = (vehicle.truth().t_s - began_s) / (time.monotonic() - wall_s)
+        assert factor == pytest.approx(8.0, rel=0.05)
+        with vehicle._server.lock:
+            time.sleep(1.0)  # a stall of 8 s of flight
+            stalled_s, wall_s = vehicle.stub.now_s, time.monotonic()
+        time.sleep(0.25)
+        flown_s, taken_s = vehicle.truth().t_s - stalled_s, time.monotonic() - wall_s
+    assert 8.0 * taken_s < flown_s <= 2.0 * 8.0 * (taken_s + 0.03)  # one slice of 0.02 s may come at once

@@ -1,0 +1,170 @@
+"""The app held up, restarted, or the autopilot restarted: nothing blind leaves, and nothing is taken back."""
+
+from __future__ import annotations
+
+import pytest
+
+from tests.lockstep import Rig, airborne, config
+from tests.trust.rules import HOLD, OFFBOARD, keep_the_rules, last_setpoint_s, mode_requests, texts
+
+ARM = 400
+LOSS_ACTIONS = {
+    0: "POSCTL",
+    1: "ALTCTL",
+    2: "STABILIZED",
+    3: "AUTO/RTL",
+    4: "AUTO/LAND",
+    5: "AUTO/LOITER",
+    6: "TERMINATION",
+}
+
+
+def orbiting(seed: int = 3, **params: float) -> Rig:
+    rig = Rig(config(), airborne(80.0, seed=seed, height_m=40.0, params=params)).engage()
+    rig.run(5.0)
+    return rig
+
+
+@pytest.mark.parametrize("for_s", [0.3, 0.6, 0.9])
+def test_a_short_stall_is_survived_and_nothing_blind_follows_it(for_s):
+    rig = orbiting()
+    rig.freeze(for_s)
+    thawed_s = rig.now_s
+    mode_heard = rig.flight.link.autopilot
+    rig.run(5.0)
+    first = rig.setpoints(thawed_s)[0][0]
+    if for_s > 0.5:  # half of COM_OF_LOSS_T: what waited proves nothing
+        assert first > thawed_s + rig.tick_s + 1e-6
+        assert any("held up" in text for text in texts(rig, thawed_s))
+    else:
+        assert first <= thawed_s + rig.tick_s + 1e-6
+    assert mode_heard.custom_mode == OFFBOARD
+    assert rig.log.ticks[-1].control == "held"
+    assert rig.stub.truth().mode == "OFFBOARD"
+    assert mode_requests(rig) == []
+    keep_the_rules(rig)
+
+
+def test_after_a_stall_no_setpoint_leaves_before_a_mode_message_sent_after_it():
+    """The first answer after the thaw is lost: the app stays silent until it has asked again and been told."""
+    rig = orbiting()
+    rig.freeze(0.6)
+    thawed_s = rig.now_s
+    rig.step()
+    rig.stub.take("offboard")  # lost: among it the mode that was asked for
+    count = len(rig.setpoints())
+    while len(rig.setpoints()) == count and rig.now_s < thawed_s + 3.0:
+        rig.step()
+    assert rig.log.ticks[-1].control == "held"
+    shown_s = rig.flight.link.autopilot.mode_s
+    assert rig.setpoints()[-1][0] >= shown_s > thawed_s + rig.tick_s
+
+
+@pytest.mark.parametrize("action", LOSS_ACTIONS)
+def test_a_long_stall_ends_in_the_failsafe_and_the_aircraft_is_not_taken_back(action):
+    rig = orbiting(COM_OBL_RC_ACT=action)
+    rig.freeze(3.0)
+    thawed_s = rig.now_s
+    assert rig.stub.truth().mode == LOSS_ACTIONS[action]
+    rig.run(5.0)
+    assert rig.setpoints(thawed_s) == []
+    assert mode_requests(rig) == []
+    assert rig.log.ticks[-1].control == "released"
+    assert rig.stub.truth().mode == LOSS_ACTIONS[action]
+    keep_the_rules(rig)
+
+
+def test_ranges_that_waited_in_the_socket_are_not_flown_on():
+    rig = orbiting()
+    rig.freeze(0.9)
+    before = rig.flight.rejected["waited"]
+    rig.step()
+    assert rig.flight.rejected["waited"] - before >= 7  # 10 Hz for 0.9 s
+    assert rig.log.ticks[-1].sample_age_s > 0.9
+
+
+def test_a_process_that_was_stopped_for_a_moment_starts_no_blind_stream():
+    """SIGSTOP and SIGCONT within half the loss timeout: too short to be seen by the clock alone."""
+    rig = orbiting()
+    rig.flight.stopped()
+    rig.step()
+    assert rig.log.ticks[-1].turn_rate_sent_rad_s != rig.log.ticks[-1].turn_rate_sent_rad_s
+    rig.run(2.0)
+    assert rig.log.sent(rig.now_s - 0.5)
+
+
+@pytest.mark.parametrize("action", [None, *LOSS_ACTIONS, 7])
+def test_a_restarted_app_leaves_the_aircraft_to_whoever_flies_it(action):
+    """action None: the old stream goes on from somewhere else, and OFFBOARD is shown; else the failsafe acts."""
+    rig = orbiting(COM_OBL_RC_ACT=5 if action is None else action)
+    if action is not None:
+        rig.freeze(4.0)
+    rig.restart_app()
+    restarted_s = rig.now_s + 1e-6
+    if action is None:
+        rig.run(1.0)  # shorter than the loss timeout: OFFBOARD is still shown
+        assert rig.stub.truth().mode == "OFFBOARD"
+    rig.run(8.0)
+    assert rig.setpoints(restarted_s) == []
+    assert mode_requests(rig, restarted_s) == []
+    truth = rig.stub.truth()
+    assert truth.mode == LOSS_ACTIONS.get(5 if action is None else action) or not truth.armed, truth
+
+
+def test_a_restarted_app_may_be_engaged_again_by_the_pilot():
+    rig = orbiting(COM_OBL_RC_ACT=5)
+    rig.freeze(3.0)
+    rig.restart_app()
+    rig.run(3.0)
+    rig.pilot.mode(HOLD)
+    rig.engage()
+    assert mode_requests(rig) == []
+
+
+def test_a_restarted_app_with_engage_auto_does_not_take_off_again():
+    """The failsafe landed the aircraft, Offboard is still its intention: only a person may start that again."""
+    rig = Rig(
+        config(engage="auto", orbit={"height_m": 5.0}), airborne(80.0, height_m=5.0, params={"COM_OBL_RC_ACT": 4})
+    )
+    rig.engage()
+    rig.run(5.0)
+    rig.freeze(20.0)
+    assert not rig.stub.truth().armed
+    rig.restart_app()
+    restarted_s = rig.now_s
+    rig.run(10.0)
+    assert not rig.stub.truth().armed
+    assert rig.setpoints(restarted_s) == []
+    assert mode_requests(rig, restarted_s) == []
+    assert not [m for _, m in rig.decoded(restarted_s) if m.get_type() == "COMMAND_LONG" and m.command == ARM]
+
+
+@pytest.mark.parametrize("silent_s", [0.1, 2.0, 8.0])
+@pytest.mark.parametrize("height_m", [0.0, 40.0])
+def test_a_restarted_autopilot_is_not_flown_on(silent_s, height_m):
+    """In the air (a brown-out that the motors outlive) or on the ground: released, said, latched."""
+    rig = orbiting()
+    left_s = rig.now_s
+    rig.reboot_vehicle(airborne(80.0, height_m=height_m, seed=9), silent_s=silent_s)
+    rig.run(silent_s + 3.0)
+    assert last_setpoint_s(rig) <= left_s + silent_s + 0.5 if silent_s < 3.5 else left_s + 3.6
+    assert rig.log.ticks[-1].control == "released"
+    assert "restarted" in rig.flight.link.authority.reason or "not heard" in rig.flight.link.authority.reason
+    assert mode_requests(rig) == []
+    rig.pilot.mode(OFFBOARD)
+    rig.run(3.0)
+    assert rig.log.sent(left_s + 5.0) == []
+
+
+def test_an_autopilot_that_falls_silent_gets_nothing_and_keeps_its_freedom_when_it_is_back():
+    rig = orbiting()
+    left_s = rig.now_s
+    rig.deaf = True
+    rig.run(5.0)
+    assert rig.log.ticks[-1].control == "released"
+    assert last_setpoint_s(rig) <= left_s + 3.6
+    assert "not heard" in rig.flight.link.authority.reason
+    rig.deaf = False
+    rig.run(10.0)
+    assert rig.log.sent(left_s + 3.7) == []
+    assert mode_requests(rig) == []
