@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 from fastcrc.crc16 import mcrf4xx
 
 from circumnav_mav.mavlink.dialect import CRC_EXTRA, Layout, by_name, layout, quick
+from circumnav_mav.mavlink.signing import Signer
 
 MAGIC_1, MAGIC_2 = 0xFE, 0xFD
 HEADER_1, HEADER_2 = 6, 10
@@ -170,12 +171,12 @@ class Decoder:
 
 
 class Packer:
-    """Packs messages under one identity with its own sequence number. signed: a signature will follow each frame."""
+    """Packs messages under one identity with its own sequence number."""
 
-    def __init__(self, sysid: int, compid: int, *, signed: bool = False) -> None:
+    def __init__(self, sysid: int, compid: int, signer: Signer | None = None) -> None:
         self.sysid = sysid
         self.compid = compid
-        self._flags = SIGNED if signed else 0
+        self._signer = signer
         self._seq = 0
 
     def pack(self, name: str, **fields: Any) -> bytes:
@@ -183,23 +184,15 @@ class Packer:
         shape = by_name(name)
         payload = shape.pack(fields)
         msgid = shape.msgid
+        flags = SIGNED if self._signer else 0
         body = bytes(
-            (
-                len(payload),
-                self._flags,
-                0,
-                self._seq,
-                self.sysid,
-                self.compid,
-                msgid & 0xFF,
-                msgid >> 8 & 0xFF,
-                msgid >> 16,
-            )
+            (len(payload), flags, 0, self._seq, self.sysid, self.compid, msgid & 0xFF, msgid >> 8 & 0xFF, msgid >> 16)
         )
         self._seq = (self._seq + 1) & 0xFF
         body += payload
         crc = mcrf4xx(CRC_EXTRA[msgid], mcrf4xx(body))
-        return b"\xfd" + body + crc.to_bytes(2, "little")
+        frame = b"\xfd" + body + crc.to_bytes(2, "little")
+        return frame + self._signer.sign(frame) if self._signer else frame
 
 
 def name_of(msgid: int) -> str:

@@ -56,7 +56,7 @@ class AutopilotLink:
         read = {*self.autopilot.messages, *OWN_MESSAGES, *subscribed}
         self._splitter = Splitter(read)
         self._decoder = Decoder(read)
-        self._packer = Packer(1, COMPANION_COMPONENT, signed=signer is not None)
+        self._packer = Packer(1, COMPANION_COMPONENT, signer)
         self.signer = signer
         self.signs_at_us = False
         """Whether the autopilot signs and we have no key: it will not listen."""
@@ -83,11 +83,14 @@ class AutopilotLink:
         if signer is not None:
             signer.advance(now_s)
         for frame in frames:
-            if signer is not None and not signer.believes(frame.raw, frame.sysid, frame.compid):
-                continue
             message = decode(frame)
             if message is None:
                 continue
+            if signer is not None:
+                if not signer.believes(frame.raw, frame.sysid, frame.compid):
+                    continue
+            elif frame.signed and frame.compid == AUTOPILOT_COMPONENT:
+                self.signs_at_us = True
             name = message[0]
             if autopilot.on_message(message, now_s):
                 if autopilot.reboots != self._reboots:
@@ -95,7 +98,6 @@ class AutopilotLink:
                     self.authority.lost("the autopilot has restarted")
                 handler = handlers.get(name)
                 if handler is not None:
-                    self.signs_at_us = signer is None and frame.signed
                     handler(message.fields, now_s)
                 if name in self._theirs_alone:
                     continue
@@ -159,6 +161,8 @@ class AutopilotLink:
     def poll(self, now_s: float) -> list[bytes]:
         """Return the frames that are due: heartbeat, answers, commands, mode requests."""
         due: list[bytes] = []
+        if self.signer is not None:
+            self.signer.advance(now_s)
         if not now_s < self._heartbeat_next_s:
             self._heartbeat_next_s = now_s + HEARTBEAT_S
             due.append(self._heartbeat())
@@ -174,13 +178,6 @@ class AutopilotLink:
             due.append(self._ask_mode(now_s))  # the last answer may have been lost
         due += [self._mode(request) for request in self.authority.poll(now_s)]
         return due
-
-    def seal(self, frames: list[bytes], now_s: float) -> list[bytes]:
-        """Return frames as they leave, in that order: signed where there is a key."""
-        if self.signer is None:
-            return frames
-        self.signer.advance(now_s)
-        return [self.signer.sign(frame) for frame in frames]
 
     def setpoint(self, name: str, fields: dict[str, Any], now_s: float) -> bytes:
         """Return the frame of an encoded setpoint; it counts as sent."""

@@ -81,14 +81,11 @@ class Signer:
         """Carry our clock to the app's monotonic time."""
         self._last = max(self._last, self._start + int(now_s * PER_S))
 
-    def sign(self, frame: bytes) -> bytes:
-        """Return a frame, packed as one that is signed, with its signature.
-
-        To be called when it leaves and in that order: a signature older than one that left before it is a replay.
-        """
+    def sign(self, unsigned: bytes) -> bytes:
+        """Return the signature of a frame whose signed flag is set already and whose CRC stands at its end."""
         self._last += 1
-        body = frame + bytes((self._link_id,)) + self._last.to_bytes(6, "little")
-        return body + sha256(self._key + body).digest()[:HASH_BYTES]
+        body = unsigned + bytes((self._link_id,)) + self._last.to_bytes(6, "little")
+        return body[-7:] + sha256(self._key + body).digest()[:HASH_BYTES]
 
     def believes(self, raw: bytes, sysid: int, compid: int) -> bool:
         """Return whether a frame is rightly signed and new; count why not."""

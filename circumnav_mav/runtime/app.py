@@ -119,7 +119,7 @@ class App:
     def _on_change(self, link: str, up: bool, words: str) -> None:
         now_s = self._clock.now()
         if up:
-            self._send(self.flight.link_back(link, now_s, words))
+            self.flight.link_back(link, now_s, words)
         else:
             self.flight.link_lost(link, now_s, words)
 
@@ -127,8 +127,7 @@ class App:
         self._ticks += 1
         self._missed += missed
         self._lateness_s = max(lateness_s, 0.9 * self._lateness_s)
-        now_s, first = self.flight.resume(now_s, self._take_in)
-        self._send(first)
+        now_s = self.flight.resume(now_s, self._take_in)
         self._last_tick_s = now_s
         frames, record = self.flight.tick(now_s, lateness_s, missed)
         self._send(frames)

@@ -44,7 +44,7 @@ class RangingApp:
         else:
             self._link = open_link(parse(config.vehicle.link))
         if self._link.endpoint.kind == "udpout" and self.feed.messages:  # nobody answers who was never called
-            self._packer = Packer(*COMPANION, signed=self._signer is not None)
+            self._packer = Packer(*COMPANION, self._signer)
 
     async def run(self) -> Status:
         """Listen to the end; return the last figures."""
@@ -64,8 +64,7 @@ class RangingApp:
         while not self._stopped.is_set() and (now_s := self._clock.now()) < self._duration_s:
             if self._packer is not None and now_s >= heartbeat_next_s:
                 heartbeat_next_s = now_s + HEARTBEAT_S
-                heartbeat = _heartbeat(self._packer)
-                self._link.send(self._signer.sign(heartbeat) if self._signer else heartbeat)
+                self._link.send(_heartbeat(self._packer))
             self._view.show(now_s, self.monitor.status(now_s), self.hint() if now_s > 3.0 else "")
             wait_s = min(REFRESH_S, self._duration_s - now_s)
             try:
