@@ -215,17 +215,19 @@ class Flight:
         if link == VEHICLE:
             self.link.authority.gap(now_s)
 
-    def link_back(self, link: str, now_s: float, words: str) -> list[bytes]:
-        """A link is open again; return what to send: on the vehicle's a request for the mode, and nothing else yet."""
+    def link_back(self, link: str, now_s: float, words: str) -> None:
+        """A link is open again. On the vehicle's the next tick asks for the mode, and sends no setpoint before it."""
         self._tell(now_s, f"{link} link: {words}", INFO)
         if link != VEHICLE:
-            return []
+            return
+        self._frames.clear()  # what was to be said over the link that broke
         request = self.link.reconnected(now_s)
-        return [request] if self.link.autopilot.sysid is not None else []
+        if self.link.autopilot.sysid is not None:
+            self._frames.append(request)
 
     def tell(self, now_s: float, text: str) -> None:
         """Let the operator read something that only the runtime knows."""
-        self._tell(now_s, text, 4)
+        self._tell(now_s, text, WARNING)
 
     def _look_out(self, now_s: float) -> None:
         """Walk the table of causes that end a flight."""

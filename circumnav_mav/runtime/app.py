@@ -120,7 +120,7 @@ class App:
     def _on_change(self, link: str, up: bool, words: str) -> None:
         now_s = self._clock.now()
         if up:
-            self._send(self.flight.link_back(link, now_s, words))
+            self.flight.link_back(link, now_s, words)
         else:
             self.flight.link_lost(link, now_s, words)
 
