@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import re
 from collections.abc import Iterator
-from math import nan, radians
+from math import inf, nan, radians
 from pathlib import Path as FilePath
 from typing import Annotated, Any, Literal, NamedTuple
 
@@ -13,10 +13,11 @@ import yaml
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
 
 from circumnav_mav import endpoint
-from circumnav_mav.guidance.computer import GuidanceSettings
+from circumnav_mav.guidance.computer import GuidanceSettings, band_of
 from circumnav_mav.guidance.estimators import ESTIMATORS
 from circumnav_mav.guidance.kernel import LawContext
 from circumnav_mav.guidance.laws import LAWS
+from circumnav_mav.guidance.safety import Limits as SafetyLimits
 from circumnav_mav.mavlink.setpoints import SetpointLimits
 from circumnav_mav.mavlink.vehicles import VEHICLES
 from circumnav_mav.mavlink.vehicles.plug import Options, VehicleClass
@@ -112,6 +113,8 @@ class Orbit(Section):
     direction: Literal["clockwise", "anticlockwise"] = "clockwise"
     speed_m_s: Positive = 5.0
     height_m: Positive | None = None
+    r_min_m: Positive | None = None
+    r_max_m: Positive | None = None
 
 
 class Named(BaseModel):
@@ -147,6 +150,23 @@ class Limits(Section):
     bank_deg: Positive = Field(30.0, le=50.0)
 
 
+Action = Literal["fly_on", "hold", "stop", "return", "land"]
+
+
+class Safety(Section):
+    """What ends a flight, and how: see guidance/safety.py."""
+
+    flight_time_s: Positive | None = None
+    laps: Positive | None = None
+    on_used_up: Literal["hold", "return", "land"] = "hold"
+    battery_pct: Annotated[FiniteFloat, Field(ge=0, le=100)] = 20.0
+    on_battery_low: Action = "return"
+    height_lost_s: Positive = 3.0
+    on_height_lost: Action = "hold"
+    on_estimates_lost: Action = "land"
+    on_band_broken: Action = "hold"
+
+
 class Loop(Section):
     """The fixed grid on which setpoints leave."""
 
@@ -169,6 +189,7 @@ class Config(Section):
     law: LawChoice = Field(default_factory=lambda: LawChoice.model_validate({}))
     estimator: EstimatorChoice = Field(default_factory=lambda: EstimatorChoice.model_validate({}))
     limits: Limits = Limits()  # type: ignore[call-arg]
+    safety: Safety = Safety()
     loop: Loop = Loop()
     engage: Literal["pilot", "auto"] = "pilot"
     on_range_lost: Literal["hold", "stop", "return", "land"] = "hold"
@@ -213,6 +234,33 @@ class Config(Section):
         )
 
 
+RESTARTS_A_MINUTE = 3
+"""So many restarts of the estimator within a minute mean that ranges and motion do not belong together."""
+
+
+def safety_limits(config: Config) -> tuple[SafetyLimits, dict[str, str]]:
+    """Return what may not be exceeded, and what is done about each cause of guidance/safety.py."""
+    s, orbit = config.safety, config.orbit
+    limits = SafetyLimits(
+        r_min_m=orbit.r_min_m or -inf,
+        r_max_m=orbit.r_max_m or inf,
+        battery_pct=s.battery_pct,
+        height_lost_s=s.height_lost_s,
+        restarts_a_minute=RESTARTS_A_MINUTE,
+        flight_time_s=s.flight_time_s or inf,
+        laps=s.laps or inf,
+    )
+    return limits, {
+        "diverged": config.on_range_lost,
+        "band_broken": s.on_band_broken,
+        "estimates_lost": s.on_estimates_lost,
+        "height_lost": s.on_height_lost,
+        "battery_low": s.on_battery_low,
+        "time_used_up": s.on_used_up,
+        "laps_used_up": s.on_used_up,
+    }
+
+
 def guidance_settings(config: Config) -> GuidanceSettings:
     """Return the part of the configuration that the guidance computer is built from."""
     orbit, ranging = config.orbit, config.ranging
@@ -229,6 +277,8 @@ def guidance_settings(config: Config) -> GuidanceSettings:
         sigma_m=ranging.sigma_m,
         height_m=nan if orbit.height_m is None else orbit.height_m,
         target_height_m=nan if ranging.target_height_m is None else ranging.target_height_m,
+        r_min_m=orbit.r_min_m or -inf,
+        r_max_m=orbit.r_max_m or inf,
     )
 
 
@@ -295,6 +345,17 @@ def cross_checks(config: Config) -> Iterator[tuple[str, str]]:
     """Yield (path, what is wrong) for values that are right alone and wrong together."""
     orbit = config.orbit
     yield from _vehicle_checks(config)
+    room_m = 2.0 * band_of(guidance_settings(config)).margin
+    if orbit.r_min_m is not None and orbit.r_min_m > orbit.radius_m - room_m:
+        yield (
+            "orbit.r_min_m",
+            f"must be at least {room_m:.1f} m below the radius: the barrier would bend the orbit itself",
+        )
+    if orbit.r_max_m is not None and orbit.r_max_m < orbit.radius_m + room_m:
+        yield (
+            "orbit.r_max_m",
+            f"must be at least {room_m:.1f} m above the radius: the barrier would bend the orbit itself",
+        )
     law = LAWS[config.law.name]
     unknown = set(config.law.options) - set(law.options)
     yield from (("law." + k, f"no option of {law.name}{_nearest(k, law.options)}") for k in sorted(unknown))

@@ -17,11 +17,13 @@ from circumnav_mav.config import Config, guidance_settings
 from circumnav_mav.guidance.computer import Decision, GuidanceComputer, Status
 from circumnav_mav.guidance.kernel import Motion
 from circumnav_mav.guidance.phases import ENGAGED, Phase
+from circumnav_mav.lookout import Lookout
 from circumnav_mav.mavlink.codec import Frame
 from circumnav_mav.mavlink.dialect import enums
 from circumnav_mav.mavlink.engage import AutoEngage, Step
 from circumnav_mav.mavlink.link import AutopilotLink
 from circumnav_mav.mavlink.offboard import Control
+from circumnav_mav.mavlink.signing import Signer
 from circumnav_mav.mavlink.vehicles import VEHICLES
 from circumnav_mav.mavlink.vehicles.fitness import Fitness, Unfit
 from circumnav_mav.range_feed import RangeFeed
@@ -32,7 +34,7 @@ VEHICLE, RANGING = "vehicle", "ranging"
 
 WARNING, INFO = 4, 6
 MOVING_M_S = 1.0
-TEXT_SEVERITY = {Phase.RELEASED: WARNING, Phase.RANGE_LOST: WARNING}
+TEXT_SEVERITY = {Phase.RELEASED: WARNING, Phase.RANGE_LOST: WARNING, Phase.BROKEN_OFF: WARNING}
 """MAV_SEVERITY of what a phase says; INFO for the others."""
 UNFIT_TOLD_AFTER_S = 4.0
 """Streams take a moment to begin after they are asked for."""
@@ -72,14 +74,15 @@ class Event(NamedTuple):
 class Flight:
     """Everything between the sockets. `end` asks for a polite end; `done` says that there is nothing left to do."""
 
-    def __init__(self, config: Config) -> None:
+    def __init__(self, config: Config, signer: Signer | None = None) -> None:
         self._config = config
         self.ranges = RangeFeed(config.ranging)
         vehicle = config.vehicle_class
         self._vehicle, self.words = vehicle, vehicle.words
         subscribed = () if self.ranges.own_link else self.ranges.messages
-        self.link = AutopilotLink(subscribed, vehicle.messages_hz, vehicle.words)
+        self.link = AutopilotLink(subscribed, vehicle.messages_hz, vehicle.words, signer)
         self.computer = GuidanceComputer(guidance_settings(config))
+        self.lookout = Lookout(config, self.link.autopilot, self.computer)
         self._encoder = vehicle.encoder(config.encoder_options())
         self._fitness = Fitness(vehicle, VEHICLES.values())
         self.unfit: Unfit | None = None
@@ -102,6 +105,9 @@ class Flight:
         self._ticked_s = nan
         self._stopped = False
         self._frames: list[bytes] = []
+        self._signing_told = False
+        self._r_m = nan
+        self._end_action = "hold"
 
     # -- bytes in ---------------------------------------------------------------------------------------------------
 
@@ -149,22 +155,23 @@ class Flight:
         """The process was stopped and continues (SIGCONT): the next tick counts as one after a gap, however short."""
         self._stopped = True
 
-    def resume(self, now_s: float, take_in: Callable[[], float]) -> tuple[float, list[bytes]]:
+    def resume(self, now_s: float, take_in: Callable[[], float]) -> float:
         """Begin a tick: after a gap, `take_in` all that waits in the links, and believe no mode message older than now.
 
-        take_in returns the time when it is done. Return (the time to tick at, frames to send first). To be called
-        before every `tick`.
+        take_in returns the time when it is done. Return the time to tick at. To be called before every `tick`.
         """
         if not self.was_away(now_s):
-            return now_s, []
+            return now_s
         now_s = take_in()
         self._stopped = False
         self._say(now_s, "the loop was held up: no setpoint before a fresh mode message", WARNING)
-        return now_s, [self.link.after_gap(now_s)]
+        self._frames.append(self.link.after_gap(now_s))
+        return now_s
 
     def tick(self, now_s: float, lateness_s: float = 0.0, missed_ticks: int = 0) -> tuple[list[bytes], TickRecord]:
         """Decide and return (frames to send now, the record of this tick)."""
         link, authority = self.link, self.link.authority
+        self._look_out(now_s)
         self._ticked_s = now_s
         self._follow_operator(now_s)
         self._judge(now_s)
@@ -172,17 +179,20 @@ class Flight:
             ready = self.computer.phase is Phase.READY
             self._auto.tick(now_s, ready=ready, may_ask=ready and not self._encoder.lacks)
         decision = self.computer.tick(now_s, self._status(now_s))
+        self._r_m = decision.estimate.r if decision.estimate else nan
         self._on_phase(now_s, decision)
-        frames, self._frames = self._frames, []
         self._sent_rad_s = nan
         if decision.setpoint is not None and authority.may_stream(now_s):
             encoded = self._encoder.encode(decision.setpoint, link.autopilot.state(now_s), now_s)
             if encoded is not None:
-                frames.append(link.setpoint(*encoded, now_s))
+                self._frames.append(link.setpoint(*encoded, now_s))
                 self._sent_rad_s = decision.setpoint.turn_rate_rad_s
         self._invite(now_s)
-        frames += link.poll(now_s) + link.read_parameters(now_s)
+        self._frames += link.poll(now_s) + link.read_parameters(now_s)
         self._tell_failures(now_s)
+        self._tell_signing(now_s)
+        # In the order in which they were packed: a receiver of signed frames refuses one that is overtaken.
+        frames, self._frames = self._frames, []
         return frames, self._record(now_s, decision, lateness_s, missed_ticks)
 
     def link_lost(self, link: str, now_s: float, words: str) -> None:
@@ -199,9 +209,24 @@ class Flight:
         request = self.link.reconnected(now_s)
         return [request] if self.link.autopilot.sysid is not None else []
 
-    def end(self, reason: str) -> None:
-        """Ask for a polite end: hold, then silence."""
-        self.end_reason = self.end_reason or reason
+    def tell(self, now_s: float, text: str) -> None:
+        """Let the operator read something that only the runtime knows."""
+        self._tell(now_s, text, 4)
+
+    def _look_out(self, now_s: float) -> None:
+        """Walk the table of causes that end a flight."""
+        news, restarted = self.lookout.look(now_s, self._r_m)
+        if restarted:
+            self._say(now_s, "the ranges outvoted the estimate, which starts again", INFO)
+        for trip in news:
+            self._say(now_s, f"{trip.text}: {trip.action.replace('_', ' ')}", WARNING)
+        if (trip_now := self.lookout.trip) is not None and trip_now.ends:
+            self.end(trip_now.text, trip_now.action)
+
+    def end(self, reason: str, action: str = "hold") -> None:
+        """Ask for a polite end: hand over to that action (hold, return, land), then silence."""
+        if not self.end_reason:
+            self.end_reason, self._end_action = reason, action
 
     @property
     def done(self) -> bool:
@@ -233,10 +258,16 @@ class Flight:
             held=control in (Control.HELD, Control.GIVING_BACK),
             released=control is Control.RELEASED,
             ending=bool(self.end_reason) and control is not Control.ASKED,
-            why=self.end_reason if self.end_reason and control is not Control.RELEASED else authority.reason,
+            why=authority.reason if control is Control.RELEASED else self._why(),
             motion=self._motion(now_s),
             height_m=self._height_m(now_s),
+            broken=self.lookout.trip is not None and not self.lookout.trip.ends,
         )
+
+    def _why(self) -> str:
+        if self.end_reason:
+            return self.end_reason
+        return self.lookout.trip.text if self.lookout.trip else self.link.authority.reason
 
     def _judge(self, now_s: float) -> None:
         """Look whether the autopilot is the one for this vehicle class; say when a pilot may engage."""
@@ -263,7 +294,7 @@ class Flight:
     def _follow_operator(self, now_s: float) -> None:
         authority = self.link.authority
         if self.end_reason and authority.control is Control.HELD:
-            authority.give_back(self.words.hold, now_s, self.end_reason)
+            authority.give_back(self.words.hand_over(self._end_action), now_s, self.end_reason)
         if self.link.latch_commands != self._latch_commands:
             self._latch_commands = self.link.latch_commands
             opened = authority.open_latch()
@@ -283,6 +314,8 @@ class Flight:
         if phase is Phase.RANGE_LOST:
             action = self._config.on_range_lost
             self.link.authority.give_back(self.words.hand_over(action), now_s, f"range lost: {action}")
+        elif phase is Phase.BROKEN_OFF and (trip := self.lookout.trip) is not None:
+            self.link.authority.give_back(self.words.hand_over(trip.action), now_s, f"{trip.text}: {trip.action}")
         self._invited = False
         self._say(now_s, f"{phase}: {decision.reason}", TEXT_SEVERITY.get(phase, INFO))
 
@@ -301,6 +334,11 @@ class Flight:
             if failure.command.command != enums.MAV_CMD_SET_MESSAGE_INTERVAL:  # an autopilot may lack a stream
                 self._tell(now_s, str(failure), WARNING)
         self._failures_told = len(failures)
+
+    def _tell_signing(self, now_s: float) -> None:
+        if self.link.signs_at_us and not self._signing_told:
+            self._signing_told = True
+            self._tell(now_s, "the autopilot signs its messages: without vehicle.signing_key_file it obeys nothing", 4)
 
     def _motion(self, now_s: float) -> Motion:
         ap = self.link.autopilot

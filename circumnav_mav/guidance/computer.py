@@ -7,8 +7,9 @@ tick(now_s, status)        on the fixed grid: phase -> estimate -> law -> limite
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import isfinite, isnan, nan, sqrt
+from math import inf, isfinite, isnan, nan, sqrt
 
+from circumnav_mav.guidance.barrier import Band, margin_m, within
 from circumnav_mav.guidance.estimators import make
 from circumnav_mav.guidance.kernel import Estimate, EstimatorContext, Law, LawContext, Motion, mirror
 from circumnav_mav.guidance.laws import LAWS
@@ -41,6 +42,8 @@ class GuidanceSettings:
     sigma_m: float
     height_m: float = nan
     target_height_m: float = nan
+    r_min_m: float = -inf
+    r_max_m: float = inf
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,6 +57,7 @@ class Status:
     why: str
     motion: Motion
     height_m: float = nan
+    broken: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,6 +93,9 @@ class GuidanceComputer:
             )
         self._limiter = TurnRateLimiter(s.context.turn_rate_limit, s.turn_accel_limit_rad_s2)
         self.band_m = max(BAND_SHARE * s.context.r_a, 3.0 * s.sigma_m)
+        self._band = band_of(s)
+        self.entered = False
+        """Whether the range has been within r_min..r_max since the engagement: r_max binds only from then on."""
         self.phase = Phase.WAITING_AUTOPILOT
         self.reason = "started"
         self._fresh_s = -1e9  # when the newest used range was true
@@ -152,6 +159,7 @@ class GuidanceComputer:
             coastable=known and age_s <= self._settings.coast_s,
             settled=now_s - self._inside_since_s >= SETTLED_S,
             strayed=now_s - self._outside_since_s >= STRAYED_S,
+            broken=status.broken,
         )
         change = step(self.phase, facts, status.why)
         if change is None:
@@ -160,6 +168,7 @@ class GuidanceComputer:
         self.phase, self.reason = change
         if self.phase in ENGAGED and before not in ENGAGED:
             self._limiter.reset()
+            self.entered = False
             wanted = self._settings.height_m
             self.hold_height_m = status.height_m if isnan(wanted) else wanted
 
@@ -172,7 +181,7 @@ class GuidanceComputer:
         self, now_s: float, status: Status, estimate: Estimate | None
     ) -> tuple[TurnRateSetpoint | None, float, bool]:
         stay = TurnRateSetpoint(now_s, 0.0, 0.0, self.hold_height_m)
-        if self.phase is Phase.READY or (self.phase is Phase.RANGE_LOST and status.held):
+        if self.phase is Phase.READY or (self.phase in (Phase.RANGE_LOST, Phase.BROKEN_OFF) and status.held):
             return stay, nan, False
         if self.phase not in ENGAGED:
             return None, nan, False
@@ -180,7 +189,9 @@ class GuidanceComputer:
             return stay, nan, False
         if estimate is None:
             return None, nan, False
-        wanted = self._turn_rate(estimate)
+        self.entered = self.entered or self._band.r_min <= estimate.r <= self._band.r_max
+        band = self._band if self.entered else self._band._replace(r_max=inf)
+        wanted = within(self._turn_rate(estimate), estimate, band)
         limited = self._limiter.limit(now_s, wanted)
         speed = self._settings.context.V
         setpoint = TurnRateSetpoint(now_s, limited.turn_rate_rad_s, speed, self.hold_height_m)
@@ -194,6 +205,14 @@ class GuidanceComputer:
     def sample_age_s(self, now_s: float) -> float:
         """Return the age of the newest range that was used; huge before the first."""
         return now_s - self._fresh_s
+
+
+def band_of(s: GuidanceSettings) -> Band:
+    """Return the range band that these settings ask for."""
+    limit = s.context.turn_rate_limit
+    reaction_s = s.context.turn_lag_s + limit / s.turn_accel_limit_rad_s2
+    side = 1.0 if s.clockwise else -1.0
+    return Band(s.r_min_m, s.r_max_m, margin_m(s.sigma_m, s.context.V, reaction_s), limit, reaction_s, side)
 
 
 def _since(since_s: float, now_s: float, holds: bool) -> float:

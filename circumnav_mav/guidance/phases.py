@@ -17,6 +17,7 @@ class Phase(StrEnum):
     ORBITING = "orbiting"
     COASTING = "coasting"
     RANGE_LOST = "range_lost"
+    BROKEN_OFF = "broken_off"
     RELEASED = "released"
     FINISHED = "finished"
 
@@ -32,6 +33,7 @@ class Facts(NamedTuple):
     coastable: bool = False  # the estimate may still be flown on: not older than coast_s
     settled: bool = False  # inside the orbit band for a while
     strayed: bool = False  # far outside it for a while
+    broken: bool = False  # a cause of safety.py calls for an action
 
 
 ALL = frozenset(Phase) - {Phase.FINISHED}
@@ -63,6 +65,8 @@ TABLE: tuple[Row, ...] = (
         "the autopilot is not heard any more",
     ),
     Row(_in(Phase.WAITING_AUTOPILOT), lambda f: f.heard, Phase.WAITING_RANGE, "the autopilot is heard"),
+    Row(ENGAGED | _in(Phase.WAITING_RANGE, Phase.READY), lambda f: f.held and f.broken, Phase.BROKEN_OFF, "{why}"),
+    Row(_in(Phase.BROKEN_OFF), lambda f: not f.held, Phase.WAITING_RANGE, "handed over"),
     Row(
         _in(Phase.WAITING_RANGE, Phase.READY),
         lambda f: f.held and not f.fresh,

@@ -22,6 +22,8 @@ SILENT_AFTER_S = 3.5
 """HEARTBEAT comes at 1 Hz, CURRENT_MODE at 2 Hz: without either for so long, the autopilot counts as not heard."""
 REBOOT_JUMP_MS = 5000
 """A boot clock that goes back by more than any reordering could means that the autopilot has restarted."""
+BATTERY_LOW = range(2, 7)
+"""MAV_BATTERY_CHARGE_STATE: LOW, CRITICAL, EMERGENCY, FAILED, UNHEALTHY."""
 MODE_MESSAGES = ("HEARTBEAT", "CURRENT_MODE")
 OVERTAKEN_WITHIN_S = 0.6
 """Sequence numbers go round every 256 frames (0.6 s at PX4's 400 msg/s): older comparisons mean nothing."""
@@ -87,6 +89,11 @@ class Autopilot:
         self.estimator_flags: int | None = None
         self.heard_s: dict[str, float] = {}
         """When each message was last heard."""
+        self.battery_pct = self.battery_v = nan
+        self.battery_alarm = False
+        """Whether the autopilot itself calls the battery low (or worse)."""
+        self.sensors: tuple[int, int, int] | None = None
+        """MAV_SYS_STATUS_SENSOR present, enabled, healthy."""
         self.reboots = 0
         self.strangers: set[int] = set()
         """System ids of other autopilots on the link: heard and not believed."""
@@ -102,6 +109,8 @@ class Autopilot:
             "EXTENDED_SYS_STATE": self._extended_state,
             "ESTIMATOR_STATUS": self._estimator,
             "EKF_STATUS_REPORT": self._estimator,
+            "SYS_STATUS": self._sys_status,
+            "BATTERY_STATUS": self._battery_status,
         }
 
     @property
@@ -208,6 +217,18 @@ class Autopilot:
     def _extended_state(self, fields: Any, now_s: float) -> None:
         if fields.landed_state != enums.MAV_LANDED_STATE_UNDEFINED:
             self.in_air = fields.landed_state != enums.MAV_LANDED_STATE_ON_GROUND
+
+    def _sys_status(self, fields: Any, now_s: float) -> None:
+        self.battery_pct = float(fields.battery_remaining) if fields.battery_remaining >= 0 else nan
+        self.battery_v = fields.voltage_battery / 1000.0 if fields.voltage_battery != 0xFFFF else nan
+        self.sensors = (
+            fields.onboard_control_sensors_present,
+            fields.onboard_control_sensors_enabled,
+            fields.onboard_control_sensors_health,
+        )
+
+    def _battery_status(self, fields: Any, now_s: float) -> None:
+        self.battery_alarm = fields.charge_state in BATTERY_LOW
 
     def turn_rate_rad_s(self, now_s: float, within_s: float = 0.5) -> float:
         """Return the measured turn rate, + counter-clockwise; NaN where none was heard for `within_s`."""

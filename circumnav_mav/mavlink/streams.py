@@ -13,9 +13,10 @@ WANTED_HZ: dict[str, float] = {
     "LOCAL_POSITION_NED": 10.0,
     "GLOBAL_POSITION_INT": 5.0,
     "VFR_HUD": 5.0,
-    "ESTIMATOR_STATUS": 1.0,
     "EXTENDED_SYS_STATE": 2.0,
     "SYS_STATUS": 1.0,
+    "BATTERY_STATUS": 1.0,
+    "ESTIMATOR_STATUS": 2.0,
 }
 """Messages the app lives on with a PX4, by rate. A vehicle class changes and adds its own."""
 

@@ -117,7 +117,14 @@ def draw(s: dict[str, Any], title: str, events: list[str]) -> Any:
     from rich.table import Table
     from rich.text import Text
 
-    colour = {"orbiting": "green", "acquiring": "cyan", "coasting": "yellow", "range_lost": "red", "released": "red"}
+    colour = {
+        "orbiting": "green",
+        "acquiring": "cyan",
+        "coasting": "yellow",
+        "range_lost": "red",
+        "broken_off": "red",
+        "released": "red",
+    }
     table = Table.grid(padding=(0, 2))
     for _ in range(4):
         table.add_column(justify="right")

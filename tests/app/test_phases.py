@@ -18,6 +18,8 @@ WALK = [
     (Phase.RELEASED, WAITING, Phase.WAITING_AUTOPILOT),
     (Phase.ORBITING, GOOD._replace(heard=False), Phase.WAITING_AUTOPILOT),
     (Phase.WAITING_AUTOPILOT, WAITING, Phase.WAITING_RANGE),
+    (Phase.ORBITING, GOOD._replace(broken=True), Phase.BROKEN_OFF),
+    (Phase.BROKEN_OFF, WAITING._replace(broken=True), Phase.WAITING_RANGE),
     (Phase.WAITING_RANGE, GOOD._replace(fresh=False, coastable=False), Phase.RANGE_LOST),
     (Phase.READY, GOOD, Phase.ACQUIRING),
     (Phase.WAITING_RANGE, WAITING, Phase.READY),

@@ -1,0 +1,90 @@
+"""A band of ranges that guidance must not leave: whatever the law wants, the vehicle turns away before it is too late.
+
+Argument. A vehicle at speed V that turns as hard as it can (u_max) flies a circle of radius rho = V / u_max. Turning
+away from the target, it comes no nearer than that circle does:
+
+    h = sqrt((r cos theta)^2 + (r |sin theta| + rho)^2) - rho        while closing; h = r while opening
+
+Under the hardest turn the circle stands still, so h does not change: a vehicle that starts this turn while h >= r_min
+never comes nearer than r_min, whatever came before. So the law flies as it likes while h is more than two margins
+above r_min, the turn is blended in over one margin, and at one margin it is all that is left. On any orbit h = r: the
+barrier costs an orbit nothing. The far side is the same with the hardest turn towards the target, where the farthest
+point of that circle counts. What the argument leaves out is paid for like this: a turn that builds up late, by looking
+`reaction_s` ahead with the turn rate flown now, and by SWING; a turn that is not quite as hard as asked, by RESERVE;
+noise, by three sigma. A drifting circle (a fixed wing in wind) is not covered beyond the margin.
+"""
+
+from __future__ import annotations
+
+from math import atan2, cos, hypot, inf, isfinite, sin
+from typing import NamedTuple
+
+from circumnav_mav.guidance.kernel import Estimate
+
+RESERVE = 0.9
+"""Share of the turn-rate limit that the argument counts on."""
+SWING = 0.25
+"""Share of the way flown in reaction_s by which a late vehicle overshoots between law and barrier: found by trial with
+laws that fly straight at the limit, on vehicles of 3 to 15 m/s; the tests hold it."""
+
+
+class Band(NamedTuple):
+    """r_min and r_max [m], -inf and inf for none; how hard [rad/s] and how late [s] the vehicle turns."""
+
+    r_min: float
+    r_max: float
+    margin: float  # m
+    u_max: float  # rad/s
+    reaction_s: float
+    side: float  # +1: the target is wanted on the right (clockwise orbit), -1: on the left
+
+
+def margin_m(sigma_m: float, speed_m_s: float, reaction_s: float) -> float:
+    """Return the margin for ranges of this noise and a vehicle this fast and this late."""
+    return 3.0 * sigma_m + SWING * speed_m_s * reaction_s
+
+
+def nearest(r: float, theta: float, rho: float, turn: float) -> float:
+    """Return how near the hardest turn comes to the target, m. turn: +1 left, -1 right.
+
+    theta: from the line of sight to the heading, counter-clockwise [rad]; rho: radius of the turn [m].
+    """
+    return r if cos(theta) <= 0.0 else hypot(r * cos(theta), r * sin(theta) * turn + rho) - rho
+
+
+def farthest(r: float, theta: float, rho: float, turn: float) -> float:
+    """Return how far from the target the hardest turn leads, m. Arguments as for `nearest`."""
+    return r if cos(theta) >= 0.0 else hypot(r * cos(theta), r * sin(theta) * turn + rho) + rho
+
+
+def within(u: float, est: Estimate, band: Band) -> float:
+    """Return the turn rate [rad/s, + counter-clockwise] that keeps the band: u itself, wherever u is no danger."""
+    if not (isfinite(est.theta) and est.V > 0.0) or (band.r_min == -inf and band.r_max == inf):
+        return u
+    r, theta = ahead(est, band.reaction_s)
+    rho = est.V / (RESERVE * band.u_max)
+    # Away from the target, to the side that stays further off; head on, to the side where the orbit lies.
+    left, right = nearest(r, theta, rho, +1.0), nearest(r, theta, rho, -1.0)
+    away = band.side if abs(left - right) < band.margin else (1.0 if left > right else -1.0)
+    near = left if away > 0.0 else right
+    u = _blend(u, away * band.u_max, (band.r_min + 2.0 * band.margin - near) / band.margin)
+    left, right = farthest(r, theta, rho, +1.0), farthest(r, theta, rho, -1.0)
+    back = -band.side if abs(left - right) < band.margin else (1.0 if left < right else -1.0)
+    far = left if back > 0.0 else right
+    return _blend(u, back * band.u_max, (far + 2.0 * band.margin - band.r_max) / band.margin)
+
+
+def ahead(est: Estimate, time_s: float) -> tuple[float, float]:
+    """Return (r, theta) after flying on for a while at the speed and turn rate of now: an exact arc."""
+    turned = est.u * time_s
+    if abs(turned) > 1e-6:
+        forward, left = est.V / est.u * sin(turned), est.V / est.u * (1.0 - cos(turned))
+    else:
+        forward, left = est.V * time_s, 0.0
+    x, y = est.r * cos(est.theta) - forward, -est.r * sin(est.theta) - left
+    return hypot(x, y), turned - atan2(y, x)
+
+
+def _blend(u: float, hardest: float, share: float) -> float:
+    share = min(1.0, max(0.0, share))
+    return u + share * (hardest - u)

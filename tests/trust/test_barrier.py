@@ -1,0 +1,123 @@
+"""The barrier against a vehicle of its own: exact arcs, first-order turn rate, and a law that wants the worst."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import random
+
+import pytest
+
+from circumnav_mav.guidance.barrier import Band, ahead, farthest, margin_m, nearest, within
+from circumnav_mav.guidance.kernel import Estimate
+from tests.lockstep import Rig, airborne, config
+
+V, U_MAX, LAG_S, ACCEL = 5.0, 0.8, 0.45, 2.0
+REACTION_S = LAG_S + U_MAX / ACCEL
+BAND = Band(30.0, 80.0, margin_m(0.1, V, REACTION_S), U_MAX, REACTION_S, side=1.0)
+
+
+class Plant:
+    """x, y, heading; the target at the origin. theta from the line of sight to the heading, + counter-clockwise."""
+
+    def __init__(self, r: float, theta: float) -> None:
+        self.x, self.y, self.psi, self.u, self.commanded = -r, 0.0, theta, 0.0, 0.0
+
+    @property
+    def r(self) -> float:
+        return math.hypot(self.x, self.y)
+
+    def estimate(self) -> Estimate:
+        theta = self.psi - math.atan2(-self.y, -self.x)
+        theta = math.atan2(math.sin(theta), math.cos(theta))
+        return Estimate(r=self.r, r_dot=-V * math.cos(theta), V=V, u=self.u, theta=theta)
+
+    def step(self, wanted: float, dt: float = 0.02) -> None:
+        self.commanded += max(-ACCEL * dt, min(ACCEL * dt, wanted - self.commanded))
+        self.u += (self.commanded - self.u) * dt / LAG_S
+        self.psi += 0.5 * self.u * dt
+        self.x += V * math.cos(self.psi) * dt
+        self.y += V * math.sin(self.psi) * dt
+        self.psi += 0.5 * self.u * dt
+
+
+def homing(est: Estimate) -> float:
+    """The worst law there is for r_min: straight at the target, as hard as it can."""
+    return max(-U_MAX, min(U_MAX, -3.0 * est.theta))
+
+
+def fleeing(est: Estimate) -> float:
+    """And for r_max: straight away."""
+    wrong = math.atan2(math.sin(est.theta + math.pi), math.cos(est.theta + math.pi))
+    return max(-U_MAX, min(U_MAX, -3.0 * wrong))
+
+
+@pytest.mark.parametrize("law", [homing, fleeing])
+@pytest.mark.parametrize(("theta_deg", "r"), list(itertools.product(range(-180, 180, 30), (42.0, 55.0, 65.0))))
+def test_the_band_is_kept_whatever_the_law_wants(law, theta_deg, r):
+    plant = Plant(r, math.radians(theta_deg))
+    least, most = math.inf, 0.0
+    for _ in range(3000):
+        est = plant.estimate()
+        plant.step(within(law(est), est, BAND))
+        least, most = min(least, plant.r), max(most, plant.r)
+    assert least >= BAND.r_min
+    assert most <= BAND.r_max
+    reached = least < BAND.r_min + 6.0 if law is homing else most > BAND.r_max - 6.0
+    assert reached, "the law never came near the limit: the test would prove nothing"
+
+
+def test_without_the_barrier_the_same_laws_break_the_band():
+    for law, broken in ((homing, lambda r: r < BAND.r_min), (fleeing, lambda r: r > BAND.r_max)):
+        plant = Plant(55.0, 1.0)
+        seen = []
+        for _ in range(3000):
+            plant.step(law(plant.estimate()))
+            seen.append(plant.r)
+        assert any(broken(r) for r in seen)
+
+
+def test_an_orbit_is_not_bent():
+    est = Estimate(r=50.0, r_dot=0.0, V=V, u=-0.1, theta=math.pi / 2)
+    assert within(-0.1, est, BAND) == -0.1
+
+
+def test_what_is_promised_is_the_closed_form_of_the_circle():
+    """The nearest and farthest point of the hardest turn, found by walking along it."""
+    rng = random.Random(5)
+    for _ in range(300):
+        r, theta, rho = rng.uniform(5.0, 200.0), rng.uniform(-math.pi, math.pi), rng.uniform(2.0, 30.0)
+        for turn in (1.0, -1.0):
+            xs = []
+            for i in range(2000):
+                a = 2 * math.pi * i / 2000
+                forward, left = rho * math.sin(a), turn * rho * (1 - math.cos(a))
+                xs.append(math.hypot(r * math.cos(theta) - forward, -r * math.sin(theta) - left))
+            inside = math.hypot(r * math.cos(theta), r * math.sin(theta) * turn + rho) < rho
+            if math.cos(theta) > 0.0 and not inside:
+                assert nearest(r, theta, rho, turn) == pytest.approx(min(xs), abs=0.02)
+            if math.cos(theta) < 0.0:
+                assert farthest(r, theta, rho, turn) == pytest.approx(max(xs), abs=0.02)
+
+
+def test_looking_ahead_is_flying_the_arc():
+    plant = Plant(60.0, 0.4)
+    plant.u = plant.commanded = 0.5
+    there = ahead(plant.estimate(), 1.0)
+    for _ in range(1000):
+        plant.step(0.5, 0.001)
+    est = plant.estimate()
+    assert there == pytest.approx((est.r, est.theta), abs=1e-2)
+
+
+def test_in_flight_the_vehicle_turns_away_before_r_min():
+    """A soft gain and a start that aims at the beacon: the law alone comes nearer than the limit allows."""
+    world = {"distance_m": 55.0, "seed": 2, "bearing_rad": 0.3, "heading_rad": 0.3}
+    nearest_m = {}
+    for r_min_m in (None, 34.0):
+        app = {"law": {"kappa": 1.1}, "orbit": {"radius_m": 50.0, "r_min_m": r_min_m}}
+        rig = Rig(config(**app), airborne(**world)).engage()
+        log = rig.run(30.0 if r_min_m is None else 120.0)
+        nearest_m[r_min_m] = min(t.horizontal_range_m for t in log.truth)
+    assert nearest_m[None] < 34.0 <= nearest_m[34.0]
+    assert log.phases[-1] == "orbiting", "the barrier kept the law from its orbit"
