@@ -98,6 +98,27 @@ def check(config: ConfigPath) -> None:
         typer.echo(line)
 
 
+@app.command()
+def ranging(
+    config: ConfigPath,
+    duration: Annotated[float | None, typer.Option(help="stop after so many seconds", min=0.1)] = None,
+    calibrate: Annotated[
+        float | None,
+        typer.Option(help="true distance to the beacon [m]: measure the bias, and write it into the file", min=0.1),
+    ] = None,
+) -> None:
+    """Show live what the ranging sensor says: ranges, rejections by reason, rate, age, jitter. Moves nothing."""
+    from circumnav_mav.runtime.ranging_session import run_ranging
+    from circumnav_mav.runtime.ranging_view import open_ranging_view
+
+    settings = load(config)
+    view = open_ranging_view(f"circumnav ranging  {settings.ranging.source}")
+    problem = run_ranging(settings, config, view, typer.echo, duration_s=duration, distance_m=calibrate)
+    if problem:
+        _complain(problem)
+        raise typer.Exit(EXIT_FLIGHT)
+
+
 @app.command(context_settings={"allow_extra_args": True, "ignore_unknown_options": True, "help_option_names": []})
 def stub(context: typer.Context) -> None:
     """Run the vehicle stub alone; `circumnav stub --help` lists its options."""

@@ -1,4 +1,4 @@
-"""The offline commands: study, compare, tune. Their libraries are imported when they run, not when an aircraft flies."""
+"""The offline commands: study, compare, tune. Their libraries are imported when they run, not when one flies."""
 
 from __future__ import annotations
 
@@ -61,13 +61,14 @@ def compare(
         from circumnav_mav.guidance.estimators import ESTIMATORS
         from circumnav_mav.guidance.laws import LAWS
         from circumnav_mav.study import compare as study_compare
+        from circumnav_mav.study.scenarios import SCENARIOS
 
         best_law, best_estimator = study_compare.BEST
         laws = law or (list(LAWS) if everything else [best_law])
         estimators = estimator or (list(ESTIMATORS) if everything else [best_estimator])
         with _bar("flying") as tell:
             rows = study_compare.compare(
-                scenario or list(study_compare.SCENARIOS),
+                scenario or list(SCENARIOS),
                 laws,
                 estimators,
                 runs,

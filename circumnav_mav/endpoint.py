@@ -17,6 +17,8 @@ _NETWORK = re.compile(r"(?P<kind>[a-z]+):(//)?(?P<host>[^:/\[\]]*):(?P<port>\d+)
 _SERIAL = re.compile(r"(serial:(//)?)?(?P<device>/.+?|COM\d+)([:,](?P<baud>\d+))?", re.IGNORECASE)
 _KINDS = {"udpin": "udpin", "udpout": "udpout", "udp": "udpin", "tcp": "tcpout", "tcpout": "tcpout", "tcpin": "tcpin"}
 _CALLS = ("udpout", "tcpout")
+USUAL_BAUD = 57_600
+"""Where a MAVLink link names none: what PX4's TELEM 1 and MAVSDK take."""
 LEAST_BAUD, MOST_BAUD = 1200, 12_000_000
 
 FORMS = (

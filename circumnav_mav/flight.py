@@ -23,6 +23,7 @@ from circumnav_mav.mavlink.dialect import enums
 from circumnav_mav.mavlink.engage import AutoEngage, Step
 from circumnav_mav.mavlink.link import AutopilotLink
 from circumnav_mav.mavlink.offboard import Control
+from circumnav_mav.mavlink.signing import Signer
 from circumnav_mav.mavlink.vehicles import VEHICLES
 from circumnav_mav.mavlink.vehicles.fitness import Fitness, Unfit
 from circumnav_mav.range_feed import RangeFeed
@@ -73,13 +74,13 @@ class Event(NamedTuple):
 class Flight:
     """Everything between the sockets. `end` asks for a polite end; `done` says that there is nothing left to do."""
 
-    def __init__(self, config: Config) -> None:
+    def __init__(self, config: Config, signer: Signer | None = None) -> None:
         self._config = config
         self.ranges = RangeFeed(config.ranging)
         vehicle = config.vehicle_class
         self._vehicle, self.words = vehicle, vehicle.words
         subscribed = () if self.ranges.own_link else self.ranges.messages
-        self.link = AutopilotLink(subscribed, vehicle.messages_hz, vehicle.words)
+        self.link = AutopilotLink(subscribed, vehicle.messages_hz, vehicle.words, signer)
         self.computer = GuidanceComputer(guidance_settings(config))
         self.lookout = Lookout(config, self.link.autopilot, self.computer)
         self._encoder = vehicle.encoder(config.encoder_options())
@@ -104,6 +105,7 @@ class Flight:
         self._ticked_s = nan
         self._stopped = False
         self._frames: list[bytes] = []
+        self._signing_told = False
         self._r_m = nan
         self._end_action = "hold"
 
@@ -153,18 +155,18 @@ class Flight:
         """The process was stopped and continues (SIGCONT): the next tick counts as one after a gap, however short."""
         self._stopped = True
 
-    def resume(self, now_s: float, take_in: Callable[[], float]) -> tuple[float, list[bytes]]:
+    def resume(self, now_s: float, take_in: Callable[[], float]) -> float:
         """Begin a tick: after a gap, `take_in` all that waits in the links, and believe no mode message older than now.
 
-        take_in returns the time when it is done. Return (the time to tick at, frames to send first). To be called
-        before every `tick`.
+        take_in returns the time when it is done. Return the time to tick at. To be called before every `tick`.
         """
         if not self.was_away(now_s):
-            return now_s, []
+            return now_s
         now_s = take_in()
         self._stopped = False
         self._say(now_s, "the loop was held up: no setpoint before a fresh mode message", WARNING)
-        return now_s, [self.link.after_gap(now_s)]
+        self._frames.append(self.link.after_gap(now_s))
+        return now_s
 
     def tick(self, now_s: float, lateness_s: float = 0.0, missed_ticks: int = 0) -> tuple[list[bytes], TickRecord]:
         """Decide and return (frames to send now, the record of this tick)."""
@@ -174,20 +176,23 @@ class Flight:
         self._follow_operator(now_s)
         self._judge(now_s)
         if self._auto is not None and link.autopilot.heard(now_s):
-            self._auto.tick(now_s, ready=self.computer.phase is Phase.READY)
+            ready = self.computer.phase is Phase.READY
+            self._auto.tick(now_s, ready=ready, may_ask=ready and not self._encoder.lacks)
         decision = self.computer.tick(now_s, self._status(now_s))
         self._r_m = decision.estimate.r if decision.estimate else nan
         self._on_phase(now_s, decision)
-        frames, self._frames = self._frames, []
         self._sent_rad_s = nan
         if decision.setpoint is not None and authority.may_stream(now_s):
             encoded = self._encoder.encode(decision.setpoint, link.autopilot.state(now_s), now_s)
             if encoded is not None:
-                frames.append(link.setpoint(*encoded, now_s))
+                self._frames.append(link.setpoint(*encoded, now_s))
                 self._sent_rad_s = decision.setpoint.turn_rate_rad_s
         self._invite(now_s)
-        frames += link.poll(now_s) + link.read_parameters(now_s)
+        self._frames += link.poll(now_s) + link.read_parameters(now_s)
         self._tell_failures(now_s)
+        self._tell_signing(now_s)
+        # In the order in which they were packed: a receiver of signed frames refuses one that is overtaken.
+        frames, self._frames = self._frames, []
         return frames, self._record(now_s, decision, lateness_s, missed_ticks)
 
     def link_lost(self, link: str, now_s: float, words: str) -> None:
@@ -203,6 +208,10 @@ class Flight:
             return []
         request = self.link.reconnected(now_s)
         return [request] if self.link.autopilot.sysid is not None else []
+
+    def tell(self, now_s: float, text: str) -> None:
+        """Let the operator read something that only the runtime knows."""
+        self._tell(now_s, text, 4)
 
     def _look_out(self, now_s: float) -> None:
         """Walk the table of causes that end a flight."""
@@ -239,7 +248,7 @@ class Flight:
             return self.unfit.text
         if phase is Phase.READY and self._auto is not None and self._auto.step is not Step.LEFT_TO_PILOT:
             return self._auto.step.value
-        return ""
+        return self._encoder.lacks if phase is Phase.READY else ""
 
     def _status(self, now_s: float) -> Status:
         authority = self.link.authority
@@ -325,6 +334,11 @@ class Flight:
             if failure.command.command != enums.MAV_CMD_SET_MESSAGE_INTERVAL:  # an autopilot may lack a stream
                 self._tell(now_s, str(failure), WARNING)
         self._failures_told = len(failures)
+
+    def _tell_signing(self, now_s: float) -> None:
+        if self.link.signs_at_us and not self._signing_told:
+            self._signing_told = True
+            self._tell(now_s, "the autopilot signs its messages: without vehicle.signing_key_file it obeys nothing", 4)
 
     def _motion(self, now_s: float) -> Motion:
         ap = self.link.autopilot

@@ -8,14 +8,17 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from circumnav_mav.config import Ranging
+from circumnav_mav.endpoint import USUAL_BAUD, Endpoint, parse
 from circumnav_mav.mavlink.codec import Decoder, Frame, LinkCounts, Message, Splitter
 from circumnav_mav.mavlink.dialect import layout
+from circumnav_mav.mavlink.signing import Signer
 from circumnav_mav.ranging import SOURCES, ByteReceiver, ByteSource, MessageReceiver, Settings, open_receiver
 from circumnav_mav.ranging.counts import Counts
 from circumnav_mav.types import RangeSample, Rejected
 
 AUTOPILOT_COMPONENT = 1
-MAVLINK_BAUD = 57_600
+LEAST_BYTES = 64
+"""Fewer bytes than this prove nothing about a baud rate."""
 
 
 class RangeFeed:
@@ -27,10 +30,16 @@ class RangeFeed:
         ids = self.receiver.message_ids if isinstance(self.receiver, MessageReceiver) else ()
         self.messages = frozenset(shape.name for i in ids if (shape := layout(i)))
         """Names of the messages that carry ranges; empty for a source of bytes."""
-        self.own_link = ranging.endpoint is not None
+        self.endpoint = parse(ranging.endpoint) if ranging.endpoint else None
+        """The radio's own, None for the vehicle's link."""
         self._splitter = Splitter()
         self._decoder = Decoder(self.messages)
         self.bytes_in = 0
+
+    @property
+    def own_link(self) -> bool:
+        """Whether ranges come on an endpoint of the radio's own."""
+        return self.endpoint is not None
 
     @property
     def counts(self) -> Counts:
@@ -39,13 +48,13 @@ class RangeFeed:
 
     @property
     def link_counts(self) -> LinkCounts:
-        """What came in on the endpoint of the radio's own, where it speaks MAVLink."""
+        """What `on_bytes` took in, where it is MAVLink."""
         return self._splitter.counts
 
     @property
     def baud(self) -> int:
         """The baud rate at which the device is delivered."""
-        return self.source.baud if isinstance(self.source, ByteSource) else MAVLINK_BAUD
+        return self.source.baud if isinstance(self.source, ByteSource) else USUAL_BAUD
 
     @property
     def start(self) -> tuple[tuple[float, bytes], ...]:
@@ -58,12 +67,17 @@ class RangeFeed:
             self.receiver.autopilot = None if sysid is None else (sysid, AUTOPILOT_COMPONENT)
         self.receiver.moving = moving
 
-    def on_bytes(self, data: bytes, now_s: float, *, whole: bool) -> tuple[list[Frame], list[RangeSample | Rejected]]:
-        """Take what arrived on the endpoint of the radio's own; return its MAVLink frames, and what they say."""
+    def on_bytes(
+        self, data: bytes, now_s: float, *, whole: bool, signer: Signer | None = None
+    ) -> tuple[list[Frame], list[RangeSample | Rejected]]:
+        """Take what arrived on the link that carries ranges; return its MAVLink frames, and what they say."""
         self.bytes_in += len(data)
         if isinstance(self.receiver, ByteReceiver):
             return [], self.receiver.feed(data, now_s)
         frames = self._splitter.feed(data, whole=whole)
+        if signer is not None:
+            signer.advance(now_s)
+            frames = [frame for frame in frames if signer.believes(frame.raw, frame.sysid, frame.compid)]
         return frames, self.on_messages((m for f in frames if (m := self._decoder.decode(f)) is not None), now_s)
 
     def on_messages(self, messages: Iterable[Message], now_s: float) -> list[RangeSample | Rejected]:
@@ -72,6 +86,28 @@ class RangeFeed:
             return []
         read = self.receiver.on_message
         return [read(m.sysid, m.compid, m.fields, now_s) for m in messages if m.name in self.messages]
+
+    def why_none(self, endpoint: Endpoint) -> str:
+        """Return in words why no range has come over `endpoint`, and what to do; empty where one has."""
+        rejected = self.counts.rejected
+        baud = f": another baud rate than {endpoint.baud or self.baud}?" if endpoint.kind == "serial" else ""
+        if self.counts.accepted:
+            return ""
+        if not self.bytes_in:
+            who = "a sender" if self.messages else "a device"
+            return f"nothing is heard on {endpoint}: is there {who}, and does it send to this place?"
+        if self.messages and self.link_counts.noise:
+            return f"{self.bytes_in} bytes on {endpoint} that are not MAVLink{baud}"
+        if not self.messages and set(rejected) <= {"bad_frame"}:
+            much = self.bytes_in >= LEAST_BYTES
+            return f"{self.bytes_in} bytes on {endpoint} that are not {self.source.name}{baud}" if much else ""
+        if rejected:
+            reason = max(rejected, key=lambda word: rejected[word])
+            return (
+                f"no range can be used: {sum(rejected.values())} rejected, most of them {reason} ({rejected[reason]})"
+            )
+        names = " or ".join(sorted(self.messages))
+        return f"{self.link_counts.understood} MAVLink frames on {endpoint}, but no {names}"
 
 
 def receiver_settings(ranging: Ranging) -> Settings:

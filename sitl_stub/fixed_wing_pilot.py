@@ -8,12 +8,13 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from sitl_stub.commander import CRITICAL_TEXT, Commander
+from sitl_stub.commander import CRITICAL_TEXT, INFO_TEXT, Commander
 from sitl_stub.fixed_wing import THRUST, FixedWing, level_alpha, level_drag
 from sitl_stub.kinematics import G, wrap
 from sitl_stub.modes import Mode
 from sitl_stub.offboard import AttitudeTarget, RatesTarget, Setpoint, Trajectory
 from sitl_stub.params import Parameters
+from sitl_stub.world import HOME_AMSL_M
 
 COURSE_GAIN_PER_S = 0.9  # course error [rad] -> turn rate
 TRACK_GAIN_PER_M = 0.025  # cross-track error -> intercept angle, through an arc tangent
@@ -81,8 +82,7 @@ class FixedWingPilot:
         v = self.vehicle
         self._mode, self._entered_s = mode, now_s
         self._height, self._course = v.h, math.atan2(v.ve, v.vn) if v.airspeed > 2.0 else v.yaw
-        radius = float(self.params["NAV_LOITER_RAD"])  # the circle begins where it is, to the right
-        self._centre = (v.n - radius * math.sin(self._course), v.e + radius * math.cos(self._course))
+        self._centre = (v.n, v.e)  # around where it is: it flies out first, as PX4 does
         if mode is Mode.TAKEOFF:
             asked = self.takeoff_height_m
             self._height = v.h + float(self.params["MIS_TAKEOFF_ALT"]) if math.isnan(asked) else asked
@@ -90,6 +90,8 @@ class FixedWingPilot:
         elif mode is Mode.RTL:
             self._centre = (self.home_n, self.home_e)
             self._height = max(v.h, float(self.params["RTL_RETURN_ALT"]))
+            above = f"{v.h + HOME_AMSL_M:.0f} m ({v.h:.0f} m above destination)"
+            self.commander.texts.append((INFO_TEXT, f"RTL: start return at {above}\t"))
 
     def _auto(self, mode: Mode, now_s: float) -> tuple[float, float, float]:
         v = self.vehicle
@@ -144,7 +146,9 @@ class FixedWingPilot:
     def _circle(self, n: float, e: float, radius: float, height_m: float) -> tuple[float, float, float]:
         v = self.vehicle
         off_n, off_e = v.n - n, v.e - e
-        distance = max(1.0, math.hypot(off_n, off_e))
+        distance = math.hypot(off_n, off_e)
+        if distance < 0.3 * radius:
+            return self._towards(self._course, 0.0, height_m)
         tangent = math.atan2(off_e, off_n) + math.pi / 2  # clockwise
         inwards = math.atan(2.0 * (distance - radius) / radius)
         close = abs(distance - radius) < 0.5 * radius

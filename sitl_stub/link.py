@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import heapq
+import math
 import random
 
 from sitl_stub import wire
@@ -40,6 +41,7 @@ class Link:
         self._random = random.Random(f"{self._seed}:{self.name}")
         self.intervals_s: dict[int, float] = {}
         self._due: list[tuple[float, int]] = []
+        self.next_due_s = math.inf
         for msgid, rate in rates_hz.items():
             self.set_interval(msgid, 1.0 / rate, now_s)
 
@@ -51,17 +53,17 @@ class Link:
             self.intervals_s[msgid] = interval_s
             self._due.append((now_s + interval_s * self._random.random(), msgid))
         heapq.heapify(self._due)
+        self.next_due_s = self._due[0][0] if self._due else math.inf
 
     def due(self, now_s: float) -> list[int]:
         """Return the ids whose time has come; each keeps its grid."""
-        heap = self._due
-        if not heap or heap[0][0] > now_s:
-            return []
+        heap, intervals_s = self._due, self.intervals_s
         ready = []
-        while heap[0][0] <= now_s:
+        while heap and heap[0][0] <= now_s:
             at, msgid = heap[0]
             ready.append(msgid)
-            heapq.heapreplace(heap, (at + self.intervals_s[msgid], msgid))
+            heapq.heapreplace(heap, (at + intervals_s[msgid], msgid))
+        self.next_due_s = heap[0][0] if heap else math.inf
         return ready
 
     def send(self, msgid: int, payload: bytes, sysid: int, compid: int) -> None:
@@ -94,7 +96,9 @@ class Link:
     def late(self, now_s: float) -> list[bytes]:
         """Release what was delayed: outward frames are queued, inward ones returned."""
         self.now_s = now_s
-        inward = []
+        if not self._late:
+            return []
+        inward: list[bytes] = []
         while self._late and self._late[0][0] <= now_s + 1e-9:
             _, _, inwards, raw = heapq.heappop(self._late)
             if inwards:

@@ -46,6 +46,9 @@ STICK_MODES = frozenset({Mode.MANUAL, Mode.ALTCTL, Mode.POSCTL, Mode.ACRO, Mode.
 # Modes that need a position estimate.
 POSITION_MODES = frozenset({Mode.POSCTL, Mode.TAKEOFF, Mode.HOLD, Mode.MISSION, Mode.RTL, Mode.LAND})
 
+# Modes that steer by themselves.
+AUTO_MODES = frozenset({Mode.TAKEOFF, Mode.HOLD, Mode.MISSION, Mode.RTL, Mode.LAND})
+
 # COM_OBL_RC_ACT -> the mode that the loss of offboard leads to (7 disarms).
 OFFBOARD_LOSS_MODE = {
     0: Mode.POSCTL,

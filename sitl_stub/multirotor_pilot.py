@@ -13,7 +13,8 @@ from sitl_stub.params import Parameters
 from sitl_stub.world import HOME_AMSL_M
 
 SPOOL_UP_S = 1.9  # from the take-off command (or arming) to the first centimetre
-TAKEOFF_ACCEPT_M = 0.15
+TAKEOFF_RAMP_S = 1.2
+TAKEOFF_ACCEPT_M = 0.3
 STOPPED_M_S = 0.3
 # Without sticks: sink rate [m/s] and time constant of the drift [s] (PX4.md, 3.4).
 STICKLESS = {Mode.POSCTL: (0.63, 10.0), Mode.ALTCTL: (0.75, 10.0), Mode.STABILIZED: (0.4, 10.0)}
@@ -86,8 +87,9 @@ class MultirotorPilot:
             v.step_velocity(vn, ve, vu, 0.0, wind_n, wind_e)
 
     def _enter(self, mode: Mode, now_s: float) -> None:
+        up = self._mode is Mode.TAKEOFF and mode is Mode.HOLD
         self._mode, self._entered_s = mode, now_s
-        self._hold, self._hold_h, self._leg = None, self.vehicle.h, ""
+        self._hold, self._hold_h, self._leg = None, self._target_h if up else self.vehicle.h, ""
         if mode is Mode.TAKEOFF:
             asked = self.takeoff_height_m
             default = self.params["MIS_TAKEOFF_ALT"]
@@ -122,13 +124,13 @@ class MultirotorPilot:
         if self.vehicle.h > self._target_h - TAKEOFF_ACCEPT_M:
             self.commander.mode_finished(Mode.HOLD)
         vn, ve = self._stay()
-        slow = self.vehicle.h < 0.5 * self._target_h or self._entered_on_ground
-        limit = float(self.params["MPC_TKO_SPEED"]) if slow else 2.0
+        ramp = 1.0
+        if self._hold_h <= 0.1:  # from the ground
+            ramp = min(1.0, (now_s - self._entered_s - SPOOL_UP_S) / TAKEOFF_RAMP_S)
+        # Measured: 1.2-1.4 m/s over the first metres, 2 m/s above ten.
+        high = min(max((self.vehicle.h - 5.0) / 5.0, 0.0), 1.0)
+        limit = max(0.2, ramp * (0.85 + 0.45 * high) * float(self.params["MPC_TKO_SPEED"]))
         return vn, ve, min(max(self._climb_to(self._target_h), 0.2), limit)
-
-    @property
-    def _entered_on_ground(self) -> bool:
-        return self._hold_h <= 0.1
 
     def _return(self) -> tuple[float, float, float]:
         v = self.vehicle

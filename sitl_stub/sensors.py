@@ -49,6 +49,7 @@ class Radio:
         self._random = random.Random(f"{config.seed}:radio")
         self._index = 0  # of the next measurement; an index, so that the grid never drifts
         self._under_way: deque[tuple[float, Measurement]] = deque()
+        self.due_s = 0.0  # when there is something to do
         self._last: Measurement | None = None
         self._sequence = 0
 
@@ -64,6 +65,9 @@ class Radio:
         arrived: list[Measurement] = []
         while self._under_way and self._under_way[0][0] <= t_s + 1e-9:
             arrived.append(self._under_way.popleft()[1])
+        self.due_s = self._index / c.range_rate_hz - 1e-9
+        if self._under_way:
+            self.due_s = min(self.due_s, self._under_way[0][0] - 1e-9)
         return arrived
 
     def _measure(self, t_s: float, true_m: float, rate_m_s: float) -> Measurement | None:

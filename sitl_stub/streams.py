@@ -11,7 +11,7 @@ from math import floor
 from typing import TYPE_CHECKING, Any
 
 from sitl_stub.kinematics import G, wrap
-from sitl_stub.modes import base_mode_of
+from sitl_stub.modes import AUTO_MODES, Mode, base_mode_of
 from sitl_stub.sensors import ZERO4
 from sitl_stub.world import HOME_AMSL_M, lat_lon_deg
 
@@ -26,16 +26,16 @@ COVARIANCE = tuple(0.08 if i in (0, 6, 11, 15, 18, 20) else 0.0 for i in range(2
 # Rates on the onboard link [Hz] as measured.
 ONBOARD_HZ: dict[int, float] = {
     30: 99.5, 31: 49.8, 105: 49.8, 33: 49.8, 32: 29.9, 331: 29.9,
-    111: 9.95, 141: 9.95, 132: 9.95, 83: 9.95, 85: 9.95, 36: 9.95, 74: 9.95,
+    111: 9.95, 141: 9.95, 132: 9.95, 83: 9.95, 85: 9.95, 87: 9.95, 36: 9.95, 74: 9.95,
     24: 8.0, 245: 5.0, 1: 5.0,
     0: 1.0, 42: 1.0, 230: 1.0, 12901: 1.0, 12904: 1.0, 4: 1.0, 29: 1.0, 2: 1.0, 8: 1.0,
-    147: 0.5, 436: 0.5, 242: 0.5, 241: 0.5, 380: 0.5, 411: 0.3,
+    147: 0.5, 436: 0.5, 242: 0.5, 241: 0.5, 380: 0.5, 411: 1 / 3,
 }  # fmt: skip
-FIXED_WING_HZ: dict[int, float] = {62: 9.95}  # besides
+FIXED_WING_HZ: dict[int, float] = {62: 9.95, 231: 9.95}  # besides
 GCS_HZ: dict[int, float] = {
     30: 15.0, 33: 5.0, 32: 1.0, 141: 1.0, 132: 0.5, 83: 2.0, 85: 1.5, 36: 1.0, 74: 4.0,
     24: 1.0, 245: 1.0, 1: 1.0, 0: 1.0, 42: 0.5, 230: 0.5, 4: 0.1, 2: 1.0, 8: 1.0,
-    147: 0.5, 436: 0.5, 242: 0.5, 241: 0.1, 411: 0.3,
+    147: 0.5, 436: 0.5, 242: 0.5, 241: 0.1, 411: 1 / 3,
 }  # fmt: skip
 
 
@@ -235,13 +235,36 @@ def wind_cov(a: Autopilot) -> tuple[Any, ...]:
     return a.boot_us, a.wind_n, a.wind_e, 0.0, 0.1, 0.0, a.vehicle.h + HOME_AMSL_M, NAN, NAN
 
 
-# Streams that stop when there is no position estimate.
-NEED_POSITION = frozenset({33, 12901})
+def position_target_global_int(a: Autopilot) -> tuple[Any, ...]:
+    v = a.vehicle
+    lat, lon = lat_lon_deg(v.n, v.e)
+    place = (_round(lat * 1e7), _round(lon * 1e7), v.h + HOME_AMSL_M)
+    return a.boot_ms, 5, 0, *place, v.vn, v.ve, -v.vu, 0.0, 0.0, 0.0, v.yaw, v.yaw_rate
+
+
+def _has_position(a: Autopilot) -> bool:
+    return a.commander.position_ok
+
+
+def _flies_itself(a: Autopilot) -> bool:
+    return a.commander.armed and a.commander.mode in AUTO_MODES
+
+
+# Streams that PX4 sends only while there is something to tell.
+CONDITIONS: dict[int, Callable[[Autopilot], bool]] = {
+    33: _has_position,
+    12901: _has_position,
+    62: lambda a: a.commander.mode is not Mode.OFFBOARD,
+    85: lambda a: not a.fixed_wing or not a.commander.armed or _flies_itself(a),
+    87: _flies_itself,
+    231: lambda a: not a.commander.landed,
+}
 
 BUILDERS: dict[int, Callable[[Autopilot], tuple[Any, ...]]] = {
     0: heartbeat, 1: sys_status, 2: system_time, 4: ping, 8: link_node_status, 24: gps_raw_int, 29: scaled_pressure,
     30: attitude, 31: attitude_quaternion, 32: local_position_ned, 33: global_position_int, 36: servo_output_raw,
     42: mission_current, 62: nav_controller_output, 74: vfr_hud, 83: attitude_target, 85: position_target_local_ned,
+    87: position_target_global_int,
     105: highres_imu, 111: timesync, 132: distance_sensor_down, 141: altitude, 147: battery_status,
     230: estimator_status, 231: wind_cov, 241: vibration, 242: home_position, 245: extended_sys_state, 331: odometry,
     380: time_estimate_to_target, 411: current_event_sequence, 436: current_mode,

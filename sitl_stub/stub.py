@@ -18,7 +18,7 @@ from sitl_stub.link import Link
 from sitl_stub.modes import name_of
 from sitl_stub.sensors import DISTANCE_SENSOR, Radio, distance_fields
 from sitl_stub.signing import Signer
-from sitl_stub.streams import BUILDERS, CURRENT_MODE, FIXED_WING_HZ, GCS_HZ, HEARTBEAT, NEED_POSITION, ONBOARD_HZ
+from sitl_stub.streams import BUILDERS, CONDITIONS, CURRENT_MODE, FIXED_WING_HZ, GCS_HZ, HEARTBEAT, ONBOARD_HZ
 from sitl_stub.world import Truth, World
 
 AUTOPILOT = 1  # component id
@@ -204,7 +204,7 @@ class Stub:
         world, autopilot = self.world, self.autopilot
         world.step()
         autopilot.step(t_s, world.wind_n, world.wind_e)
-        if self.radio is not None:
+        if self.radio is not None and (t_s >= self.radio.due_s or t_s >= self._next_radio_heartbeat_s):
             self._range(self.radio, t_s)
         for link in self._vehicle_links:
             for raw in link.late(t_s):
@@ -219,22 +219,20 @@ class Stub:
         if autopilot.commander.texts:
             self._send_texts()
         for link in self._vehicle_links:
-            self._stream(link, t_s)
+            if link.next_due_s <= t_s:
+                self._stream(link, t_s)
         shown = (autopilot.commander.mode, autopilot.commander.intention)
         if shown != self._shown_mode:
             self._show_mode(shown)
 
     def _stream(self, link: Link, t_s: float) -> None:
-        ready = link.due(t_s)
-        if not ready:
-            return
         autopilot, sysid = self.autopilot, self.config.system_id
         quiet = link.name in QUIET_UNTIL_HEARD and not link.seen
         link.unix_us = autopilot.unix_us()
-        for msgid in ready:
+        for msgid in link.due(t_s):
             if quiet and msgid != HEARTBEAT:
                 continue
-            if msgid in NEED_POSITION and not autopilot.commander.position_ok:
+            if msgid in CONDITIONS and not CONDITIONS[msgid](autopilot):
                 continue
             link.send(msgid, wire.pack(msgid, BUILDERS[msgid](autopilot)), sysid, AUTOPILOT)
             if msgid == DISTANCE_SENSOR and self._distances:

@@ -148,9 +148,9 @@ class Rig:
         waiting, self._waiting = self._waiting, []
         for data in waiting:
             self.flight.receive(data, self.now_s)
-        _, first = self.flight.resume(self.now_s, lambda: self.now_s)
+        self.flight.resume(self.now_s, lambda: self.now_s)
         frames, record = self.flight.tick(self.now_s)
-        self.send(first + frames)
+        self.send(frames)
         self.log.ticks.append(record)
         self.log.truth.append(self.stub.truth())
         return record

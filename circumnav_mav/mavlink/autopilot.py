@@ -50,6 +50,7 @@ class VehicleState(NamedTuple):
     north_m: float = nan  # in the autopilot's local frame
     east_m: float = nan
     down_m: float = nan
+    in_air: bool = False  # armed, and known to be off the ground
 
 
 class Autopilot:
@@ -273,6 +274,7 @@ class Autopilot:
             north,
             east,
             down,
+            self.armed and self.in_air is True,
         )
 
 

@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 from fastcrc.crc16 import mcrf4xx
 
 from circumnav_mav.mavlink.dialect import CRC_EXTRA, Layout, by_name, layout, quick
+from circumnav_mav.mavlink.signing import Signer
 
 MAGIC_1, MAGIC_2 = 0xFE, 0xFD
 HEADER_1, HEADER_2 = 6, 10
@@ -30,6 +31,11 @@ class Frame(NamedTuple):
     seq: int
     raw: bytes
     checked: bool
+
+    @property
+    def signed(self) -> bool:
+        """Whether it carries a signature, right or wrong."""
+        return self.raw[0] == MAGIC_2 and bool(self.raw[2] & SIGNED)
 
 
 class Message(NamedTuple):
@@ -167,9 +173,10 @@ class Decoder:
 class Packer:
     """Packs messages under one identity with its own sequence number."""
 
-    def __init__(self, sysid: int, compid: int) -> None:
+    def __init__(self, sysid: int, compid: int, signer: Signer | None = None) -> None:
         self.sysid = sysid
         self.compid = compid
+        self._signer = signer
         self._seq = 0
 
     def pack(self, name: str, **fields: Any) -> bytes:
@@ -177,13 +184,15 @@ class Packer:
         shape = by_name(name)
         payload = shape.pack(fields)
         msgid = shape.msgid
+        flags = SIGNED if self._signer else 0
         body = bytes(
-            (len(payload), 0, 0, self._seq, self.sysid, self.compid, msgid & 0xFF, msgid >> 8 & 0xFF, msgid >> 16)
+            (len(payload), flags, 0, self._seq, self.sysid, self.compid, msgid & 0xFF, msgid >> 8 & 0xFF, msgid >> 16)
         )
         self._seq = (self._seq + 1) & 0xFF
         body += payload
         crc = mcrf4xx(CRC_EXTRA[msgid], mcrf4xx(body))
-        return b"\xfd" + body + crc.to_bytes(2, "little")
+        frame = b"\xfd" + body + crc.to_bytes(2, "little")
+        return frame + self._signer.sign(frame) if self._signer else frame
 
 
 def name_of(msgid: int) -> str:

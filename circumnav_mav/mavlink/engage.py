@@ -49,8 +49,8 @@ class AutoEngage:
         self.step = Step.WAITING
         self.problem = ""
 
-    def tick(self, now_s: float, *, ready: bool) -> None:
-        """Do what is due. ready: the beacon is heard, so that there is something to fly to."""
+    def tick(self, now_s: float, *, ready: bool, may_ask: bool) -> None:
+        """Do what is due. ready: the beacon is heard; may_ask: and the encoder knows what it needs."""
         if not self._decided:
             self._decided = self._decide()
         elif self.step is Step.WAITING:
@@ -65,7 +65,7 @@ class AutoEngage:
             if self._done(TAKE_OFF):
                 self._climb(now_s)
         elif self.step is Step.CLIMBING:
-            self._watch_climb(now_s)
+            self._watch_climb(now_s, may_ask=may_ask)
         elif self.step is Step.ASKED and self._link.authority.refused:
             self._fail(self._link.authority.reason)
 
@@ -147,7 +147,7 @@ class AutoEngage:
         self._by_s = now_s + self._height_m / CLIMB_SLOWEST_M_S + CLIMB_MARGIN_S
         self.step = Step.CLIMBING
 
-    def _watch_climb(self, now_s: float) -> None:
+    def _watch_climb(self, now_s: float, *, may_ask: bool) -> None:
         ap, plan = self._link.autopilot, self._plan
         height_m = ap.height_above_home_m(now_s)
         arrived = height_m >= min(ARRIVED_SHARE * self._height_m, self._height_m - ARRIVED_WITHIN_M)
@@ -158,9 +158,10 @@ class AutoEngage:
         level = plan.level_s == 0.0 or now_s - self._level_since_s >= plan.level_s
         if arrived and ap.custom_mode not in plan.climbing:
             self.step = Step.LEFT_TO_PILOT
-        elif arrived and level and ap.custom_mode == plan.arrived:
-            self._link.authority.ask(now_s)
-            self.step = Step.ASKED
+        elif arrived and ap.custom_mode == plan.arrived:
+            if level and may_ask:  # else it waits in the air, in the autopilot's own mode
+                self._link.authority.ask(now_s)
+                self.step = Step.ASKED
         elif now_s > self._by_s:
             self._fail(f"take-off: {height_m:.1f} m after a climb that should have reached {self._height_m:g} m")
 

@@ -18,6 +18,7 @@ from circumnav_mav.mavlink.commands import Command, CommandQueue
 from circumnav_mav.mavlink.dialect import by_name, enums
 from circumnav_mav.mavlink.modes import ModeWords
 from circumnav_mav.mavlink.offboard import Authority, ModeRequest, Seen
+from circumnav_mav.mavlink.signing import Signer
 from circumnav_mav.mavlink.streams import WANTED_HZ, interval_us, unwanted
 
 COMPANION_COMPONENT = 191
@@ -41,6 +42,7 @@ class AutopilotLink:
         subscribed: Collection[str],
         wanted_hz: Mapping[str, float] = WANTED_HZ,
         words: ModeWords = px4_modes.WORDS,
+        signer: Signer | None = None,
     ) -> None:
         self.autopilot = Autopilot()
         self.words = words
@@ -54,7 +56,10 @@ class AutopilotLink:
         read = {*self.autopilot.messages, *OWN_MESSAGES, *subscribed}
         self._splitter = Splitter(read)
         self._decoder = Decoder(read)
-        self._packer = Packer(1, COMPANION_COMPONENT)
+        self._packer = Packer(1, COMPANION_COMPONENT, signer)
+        self.signer = signer
+        self.signs_at_us = False
+        """Whether the autopilot signs and we have no key: it will not listen."""
         self._heartbeat_next_s = nan
         self._ask_mode_next_s = nan
         self._set_up_for: tuple[int | None, int] = (None, 0)
@@ -74,10 +79,18 @@ class AutopilotLink:
         frames = self._splitter.feed(data, whole=whole)
         others = []
         decode, autopilot, handlers = self._decoder.decode, self.autopilot, self._handlers
+        signer = self.signer
+        if signer is not None:
+            signer.advance(now_s)
         for frame in frames:
             message = decode(frame)
             if message is None:
                 continue
+            if signer is not None:
+                if not signer.believes(frame.raw, frame.sysid, frame.compid):
+                    continue
+            elif frame.signed and frame.compid == AUTOPILOT_COMPONENT:
+                self.signs_at_us = True
             name = message[0]
             if autopilot.on_message(message, now_s):
                 if autopilot.reboots != self._reboots:
@@ -148,6 +161,8 @@ class AutopilotLink:
     def poll(self, now_s: float) -> list[bytes]:
         """Return the frames that are due: heartbeat, answers, commands, mode requests."""
         due: list[bytes] = []
+        if self.signer is not None:
+            self.signer.advance(now_s)
         if not now_s < self._heartbeat_next_s:
             self._heartbeat_next_s = now_s + HEARTBEAT_S
             due.append(self._heartbeat())

@@ -16,6 +16,7 @@ from circumnav_mav.endpoint import parse
 from circumnav_mav.flight import RANGING, VEHICLE, Flight, TickRecord
 from circumnav_mav.guidance.phases import ENGAGED, Phase
 from circumnav_mav.runtime.clock import Clock, run_on_grid
+from circumnav_mav.runtime.keyfile import open_signer
 from circumnav_mav.runtime.links import open_link, open_ranging_link
 from circumnav_mav.runtime.realtime import settle
 from circumnav_mav.runtime.recorder import Recorder
@@ -26,6 +27,7 @@ from circumnav_mav.runtime.watchdog import WITHIN_S, Watchdog
 
 END_WITHIN_S = 8.0
 """A polite end that has not come by then is cut short: three requests a second apart, and some."""
+MANY_DROPS = 10
 
 
 @dataclass(slots=True)
@@ -60,7 +62,7 @@ class App:
     def __init__(self, config: Config, clock: Clock, recorder: Recorder, view: View, options: Options) -> None:
         self._config, self._clock, self._recorder, self._view = config, clock, recorder, view
         self._options = options
-        self.flight = Flight(config)
+        self.flight = Flight(config, open_signer(config.vehicle.signing_key_file, clock.now()))
         self._links: dict[str, Transport] = {}
         self._last_tick_s = nan
         self._end_by_s = inf
@@ -69,6 +71,7 @@ class App:
         self._shown_events = 0
         self._ticks = self._missed = 0
         self._lateness_s = 0.0
+        self._drops_told = False
         self._verdict: tuple[str, str] | None = None
         self._silenced = False
         self._watchdog = Watchdog(self._silence)
@@ -78,8 +81,8 @@ class App:
         """Open the sockets. Raises LinkError, in words."""
         try:
             self._links[VEHICLE] = open_link(parse(self._config.vehicle.link))
-            if self._config.ranging.endpoint:
-                self._links[RANGING] = open_ranging_link(self._config.ranging, self.flight.ranges)
+            if (own := self.flight.ranges.endpoint) is not None:
+                self._links[RANGING] = open_ranging_link(own, self.flight.ranges)
         except BaseException:
             self.close_links()
             raise
@@ -142,8 +145,7 @@ class App:
         self._ticks += 1
         self._missed += missed
         self._lateness_s = max(lateness_s, 0.9 * self._lateness_s)
-        now_s, first = self.flight.resume(now_s, self._take_in)
-        self._send(first)
+        now_s = self.flight.resume(now_s, self._take_in)
         self._last_tick_s = now_s
         frames, record = self.flight.tick(now_s, lateness_s, missed)
         self._send(frames)
@@ -182,8 +184,19 @@ class App:
         self._verdict = self._verdict or self._find_verdict(now_s, phase)
         if now_s >= self._show_next_s:
             self._show_next_s = now_s + self._clock.speed / REFRESH_HZ
+            self._watch_drops(now_s)
             self._show_events()
             self._view.show(self._snapshot(now_s, record))
+
+    def _watch_drops(self, now_s: float) -> None:
+        """Tell once that a line takes less than what is sent: what does not fit is dropped, not queued."""
+        link = self._links[VEHICLE]
+        if link.send_errors >= MANY_DROPS and not self._drops_told:
+            self._drops_told = True
+            slow = (
+                "raise its baud rate or lower loop.rate_hz" if link.endpoint.kind == "serial" else "check the network"
+            )
+            self.flight.tell(now_s, f"{link.endpoint} does not take all that is sent: {slow}")
 
     def _find_verdict(self, now_s: float, phase: Phase) -> tuple[str, str] | None:
         flight, options = self.flight, self._options
@@ -270,7 +283,9 @@ class App:
 
 def no_autopilot(link: str, flight: Flight) -> str:
     """Return why no autopilot is there, as far as can be told, and what to do."""
-    counts = flight.link.counts
+    counts, signer = flight.link.counts, flight.link.signer
+    if signer is not None and signer.refused and not signer.accepted:
+        return f"no frame on {link} is believed: {signer.complaint()}"
     if counts.understood and not counts.noise:
         frames = f"{counts.understood} MAVLink frames on {link}"
         return f"{frames}, but no autopilot's heartbeat (component 1): check the routing"
@@ -286,6 +301,9 @@ def no_autopilot(link: str, flight: Flight) -> str:
 
 def no_range(flight: Flight) -> str:
     """Return why no range is there, as far as can be told, and what to do."""
+    endpoint = flight.ranges.endpoint
+    if endpoint is not None and (why := flight.ranges.why_none(endpoint)):
+        return why
     if flight.rejected:
         reason, count = flight.rejected.most_common(1)[0]
         return f"no range can be flown on: {flight.rejected.total()} rejected, most of them {reason} ({count})"

@@ -6,21 +6,32 @@ import math
 import random
 import subprocess
 import sys
+from dataclasses import dataclass
 from pathlib import Path
 
-from circumnav_mav.config import Config, Ranging
+from circumnav_mav.config import Config, ConfigError, Fault, Ranging
+from circumnav_mav.mavlink.px4_modes import WORDS as PX4
 from circumnav_mav.runtime.app import Options
 from circumnav_mav.runtime.clock import Clock
 from circumnav_mav.runtime.session import Outcome, fly
 from circumnav_mav.runtime.transport import LinkError
 from circumnav_mav.runtime.view import open_view
 
-START_M = 200.0
-"""How far from the beacon the vehicle starts."""
-LAPS = 2.1
-"""Settled laps flown before the demo ends."""
 CLIMB_M_S = 1.0
 STUB_STOP_S = 5.0
+
+
+@dataclass(frozen=True, slots=True)
+class Show:
+    """How the stub's airframe is shown. The take-off runs across the line to the beacon."""
+
+    start_m: float  # how far from the beacon it starts
+    height_m: float  # flown where the configuration gives none
+    laps: float  # settled laps flown before the demo ends
+
+
+SHOWS = {"multirotor": Show(200.0, 15.0, 2.1), "fixed_wing": Show(400.0, 100.0, 4.1)}
+"""By the airframes that the stub has."""
 
 
 def demo_config(config: Config | None) -> Config:
@@ -29,7 +40,7 @@ def demo_config(config: Config | None) -> Config:
     Nobody is there to select Offboard, so the demo engages by itself; the vehicle's link is a free port on loopback.
     """
     base = config or Config()
-    height_m = base.orbit.height_m or 15.0
+    height_m = base.orbit.height_m or _show(base).height_m
     return base.model_copy(
         update={
             "engage": "auto",
@@ -54,25 +65,35 @@ def longest_s(config: Config) -> float:
     """Return when a demo that never settles ends: climb, approach, and four laps."""
     orbit = config.orbit
     lap_s = 2 * math.pi * orbit.radius_m / orbit.speed_m_s
-    return 15.0 + (orbit.height_m or 0.0) / CLIMB_M_S + START_M / orbit.speed_m_s + 4 * lap_s
+    show = _show(config)
+    return 15.0 + (orbit.height_m or 0.0) / CLIMB_M_S + show.start_m / orbit.speed_m_s + (show.laps + 2) * lap_s
+
+
+def _show(config: Config) -> Show:
+    vehicle = config.vehicle_class
+    show = SHOWS.get(vehicle.airframe)
+    if vehicle.words is not PX4 or show is None:
+        text = f"the bundled stub is a PX4 multirotor or airplane and cannot fly {vehicle.name}: use its own simulator"
+        raise ConfigError("demo", [Fault("vehicle.class", 0, text)])
+    return show
 
 
 def run_demo(config: Config, *, speed: float, seed: int, duration_s: float | None, stub_args: list[str]) -> Outcome:
     """Fly the demo and return its outcome. Raises LinkError where the stub does not start."""
-    orbit = config.orbit
+    orbit, show = config.orbit, _show(config)
     lap_s = 2 * math.pi * orbit.radius_m / orbit.speed_m_s
     options = Options(
         duration_s=longest_s(config) if duration_s is None else duration_s,
         wait_s=30.0 * max(1.0, speed),
         end_on_release=True,
-        end_after_orbiting_s=math.inf if duration_s is not None else LAPS * lap_s,
+        end_after_orbiting_s=math.inf if duration_s is not None else show.laps * lap_s,
     )
     stub: list[subprocess.Popen[bytes]] = []
     parent = Path(config.record.directory)
     parent.mkdir(parents=True, exist_ok=True)
     truth = parent / f".truth-{random.SystemRandom().getrandbits(32):08x}.csv"
     bearing = random.Random(seed).uniform(0.0, 2 * math.pi)
-    beacon = f"{START_M * math.cos(bearing):.3f},{START_M * math.sin(bearing):.3f}"
+    beacon = f"{show.start_m * math.cos(bearing):.3f},{show.start_m * math.sin(bearing):.3f}"
 
     def start_stub(port: int) -> None:
         command = [sys.executable, "-m", "sitl_stub", "--offboard-port", str(port), "--offboard-listen", "0"]
@@ -86,6 +107,8 @@ def run_demo(config: Config, *, speed: float, seed: int, duration_s: float | Non
             "--seed",
             str(seed),
             "--beacon=" + beacon,
+            f"--heading={-math.degrees(bearing) % 360.0:.3f}",
+            f"--airframe={config.vehicle_class.airframe}",
         ]
         command += ["--sigma", f"{config.ranging.sigma_m:g}", "--truth", str(truth), *stub_args]
         stub.append(subprocess.Popen(command, start_new_session=True, stdout=subprocess.DEVNULL))

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from circumnav_mav.config import Ranging
-from circumnav_mav.endpoint import Endpoint, parse
+from circumnav_mav.endpoint import USUAL_BAUD, Endpoint
 from circumnav_mav.range_feed import RangeFeed
 from circumnav_mav.runtime.replay_link import ReplayLink
 from circumnav_mav.runtime.serial_port import SerialLink
@@ -12,11 +11,8 @@ from circumnav_mav.runtime.tcp import TcpClient, TcpServer
 from circumnav_mav.runtime.transport import Transport
 from circumnav_mav.runtime.udp import UdpLink
 
-VEHICLE_BAUD = 57_600
-"""Where the link names none: what PX4's TELEM 1 and MAVSDK take."""
 
-
-def open_link(endpoint: Endpoint, *, default_baud: int = VEHICLE_BAUD, steps: Steps = ()) -> Transport:
+def open_link(endpoint: Endpoint, *, default_baud: int = USUAL_BAUD, steps: Steps = ()) -> Transport:
     """Open a link; `steps` make a silent device talk. Raises LinkError, in words, where it cannot be opened."""
     if endpoint.kind == "serial":
         return SerialLink(endpoint, default_baud, steps)
@@ -29,7 +25,6 @@ def open_link(endpoint: Endpoint, *, default_baud: int = VEHICLE_BAUD, steps: St
     return UdpLink(endpoint)
 
 
-def open_ranging_link(ranging: Ranging, feed: RangeFeed) -> Transport:
-    """Open the radio's own endpoint, which the configuration must name. Raises LinkError, in words."""
-    assert ranging.endpoint is not None
-    return open_link(parse(ranging.endpoint), default_baud=feed.baud, steps=feed.start)
+def open_ranging_link(endpoint: Endpoint, feed: RangeFeed) -> Transport:
+    """Open the radio's own endpoint, at the device's own speed and with what makes it talk. Raises LinkError."""
+    return open_link(endpoint, default_baud=feed.baud, steps=feed.start)

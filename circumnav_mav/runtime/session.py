@@ -44,17 +44,19 @@ def fly(
 ) -> Outcome:
     """Fly to the end. on_open gets the local port of the vehicle's link; before_report runs when the flight is over.
 
-    Raises LinkError where a link cannot be opened, Crash where the app itself is at fault.
+    Raises LinkError where a link or the signing key cannot be opened, Crash where the app itself is at fault.
     """
     recorder = Recorder(Path(config.record.directory), tlog=config.record.tlog, header=TickRecord._fields)
-    app = App(config, clock, recorder, view, options)
+    app: App | None = None
     try:
+        app = App(config, clock, recorder, view, options)
         app.open_links()
         if on_open is not None:
             on_open(app.vehicle_port)
         result = _run(app, recorder)
     finally:
-        app.close_links()
+        if app is not None:
+            app.close_links()
         view.close()
         recorder.close()
         if before_report is not None:

@@ -38,10 +38,13 @@ class Flight:
     tick_hz: float = 50.0
     seed: int = 1
     compass: bool = True
+    believed: float = 1.0  # believed over true speed
     r: list[float] = field(default_factory=list)
     times: list[float] = field(default_factory=list)
     rejected: dict[str, int] = field(default_factory=dict)
     est: FlyingEstimator = field(init=False)
+    state: tuple[float, float, float] = (0.0, 0.0, 0.0)  # at the end: x, y, heading
+    u: float = 0.0
 
     def fly(self, for_s: float) -> Flight:
         draw = random.Random(self.seed)
@@ -61,7 +64,7 @@ class Flight:
             t = n * dt
             if t >= self.jump[0]:
                 tx, ty = self.jump[1:]
-            motion = Motion(self.V, u, psi if self.compass else math.nan)
+            motion = Motion(self.believed * self.V, u, psi if self.compass else math.nan)
             self.est.advance(t, motion)
             if t >= next_sample_s - 1e-9:
                 next_sample_s += 1.0 / self.sample_hz
@@ -96,6 +99,7 @@ class Flight:
                 y += (self.V * math.sin(psi) + self.wind[1]) * h
             self.times.append(t + dt)
             self.r.append(math.hypot(x - tx, y - ty))
+        self.state, self.u = (x, y, psi), u
         return self
 
     def errors(self, from_s: float, to_s: float = math.inf) -> list[float]:

@@ -39,7 +39,7 @@ def turn_rate(rig: Rig, seconds: float = 20.0) -> float:
 
 def test_hold_is_a_circle_at_full_throttle() -> None:
     rig = airplane()
-    rig.run(30.0)
+    rig.run(60.0)
     truth = rig.stub.truth()
     hud = rig.all("VFR_HUD")[-1]
     assert truth.airspeed_m_s == pytest.approx(13.6, abs=0.3)
@@ -134,7 +134,7 @@ def test_5_2_velocity_only_changes_nothing(frame: int) -> None:
     """Accepted, OFFBOARD, no complaint, and the last attitude is frozen: it goes on circling as in Hold."""
     rig = airplane()
     rig.gcs_heartbeat()
-    rig.run(10.0)
+    rig.run(40.0)
     bank = rig.stub.truth().roll_rad
     rig.enter_offboard(lambda _: rig.local(frame=frame, velocity=(12, 0, 0), yaw_rate=-0.2))
     rig.run(10.0)

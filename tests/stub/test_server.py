@@ -135,5 +135,5 @@ def test_the_clock_follows_the_factor_and_never_jumps() -> None:
             time.sleep(1.0)  # a stall of 8 s of flight
             stalled_s, wall_s = vehicle.stub.now_s, time.monotonic()
         time.sleep(0.25)
-        rate = (vehicle.truth().t_s - stalled_s) / (time.monotonic() - wall_s)
-        assert 8.0 < rate < 17.0
+        flown_s, taken_s = vehicle.truth().t_s - stalled_s, time.monotonic() - wall_s
+    assert 8.0 * taken_s < flown_s <= 2.0 * 8.0 * (taken_s + 0.03)  # one slice of 0.02 s may come at once

@@ -281,8 +281,8 @@ def seed(bank: list[Drift], z: Reading, par: Parameters, variance: float) -> Non
 def split(bank: list[Drift]) -> None:
     """Cut hypotheses that are too long across the line of sight in three: a Gaussian cannot bend around the target.
 
-    Three Gaussians of 0.67 times the length, 1.06 standard deviations apart, weigh 0.23, 0.55, 0.23 (the split that is
-    nearest to the Gaussian in the least-squares sense); what is correlated with the position across moves along.
+    Three Gaussians of 0.70 times the length, 1.06 standard deviations apart, that weigh 0.225, 0.55 and 0.225 have the
+    variance of the one; what is correlated with the position across moves along.
     """
     for i in range(len(bank)):
         if len(bank) > RING:
@@ -298,7 +298,7 @@ def split(bank: list[Drift]) -> None:
             continue
         gx, gy = c * h.xx + s * h.xy, c * h.xy + s * h.yy
         gu, gv, gs = c * h.xu + s * h.yu, c * h.xv + s * h.yv, c * h.xs + s * h.ys
-        inv, step = 0.549 / across, 1.0575 / 0.549 * sqrt(across)
+        inv, step = 0.5037 / across, 1.0575 / 0.5037 * sqrt(across)
         bank[i] = gained(h, gx, gy, gu, gv, gs, inv, 0.0, h.log_weight - 0.5985)
         bank.append(gained(h, gx, gy, gu, gv, gs, inv, step, h.log_weight - 1.4908))
         bank.append(gained(h, gx, gy, gu, gv, gs, inv, -step, h.log_weight - 1.4908))
@@ -340,9 +340,9 @@ def observe(bank: list[Drift], mem: Memory, m: Moved, z: Reading, par: Parameter
     """Carry the bank to the reading, judge it and use it."""
     sigma_r = par.sigma_r if isnan(z.sigma_r) else z.sigma_r
     variance = sigma_r * sigma_r
-    if len(bank) == 0:
+    if len(bank) == 0 or isnan(m.psi):  # without a heading, a displacement has no direction
         seed(bank, z, par, variance)
-        return remember(mem, m.dt, nan, 1.0, 1.0)
+        return remember(mem, m.dt, nan, 0.0 if isnan(m.psi) else 1.0, 1.0)
     psi = m.psi - m.turn
     c, s = cos(psi), sin(psi)
     dx, dy = m.ahead * c - m.left * s, m.ahead * s + m.left * c

@@ -4,15 +4,15 @@ The course wanted at range r makes the angle theta_d(r) = pi/2 - f(r) with the l
 with the target, where f is the smaller of
     acos(r_a / r)            the straight tangent to the circle, and
     atan((r - r_a) / reach)  the exponential run-in, distance constant `reach`,
-joined smoothly. The heading wanted is that course turned into the drift. The command tracks it with its own rate of
-change and, because the vehicle's turn rate lags, with its acceleration. docs/guidance_law.md derives it and argues for
-its stability.
+joined smoothly (by the fourth-power mean of their tangents). The heading wanted is that course turned into the drift.
+The command tracks it with its own rate of change and, because the vehicle's turn rate lags, with its acceleration.
+docs/guidance_law.md derives it and argues for its stability.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from math import acos, asin, atan, atan2, cos, exp, hypot, inf, isfinite, isnan, nan, pi, sin, sqrt
+from math import asin, atan, atan2, cos, exp, hypot, isfinite, isnan, nan, pi, sin, sqrt
 from typing import NamedTuple
 
 from circumnav_mav.guidance.kernel import Estimate, Law, LawContext
@@ -32,15 +32,13 @@ class Parameters(NamedTuple):
 
 def run_in(r: float, r_a: float, reach: float) -> tuple[float, float]:
     """Return f [rad] and df/dr [rad/m]: how far inside the perpendicular to the line of sight to steer."""
-    e = r - r_a
-    near = atan(e / reach)
-    near_slope = reach / (reach * reach + e * e)
-    if e <= 1e-6 * r_a:
-        return near, near_slope
-    far = acos(r_a / r)
-    far_slope = r_a / (r * sqrt(r * r - r_a * r_a))
+    near, near_slope = (r - r_a) / reach, 1.0 / reach
+    if r - r_a <= 1e-6 * r_a:
+        return atan(near), near_slope / (1.0 + near * near)
+    far = sqrt(r * r - r_a * r_a) / r_a
+    far_slope = r / (r_a * r_a * far)
     f = (near**-4 + far**-4) ** -0.25
-    return f, f**5 * (near_slope * near**-5 + far_slope * far**-5)
+    return atan(f), f**5 * (near_slope * near**-5 + far_slope * far**-5) / (1.0 + f * f)
 
 
 def heading(px: float, py: float, psi: float, est: Estimate, par: Parameters) -> tuple[float, float]:
@@ -62,7 +60,7 @@ def least_range(est: Estimate, turn: float, par: Parameters) -> float:
     R = est.V / par.limit
     side = 1.0 if turn > 0.0 else -1.0
     roll = max(0.0, par.lag * (1.0 - est.u * side / par.limit))  # straight on for as long as the turn takes to build up
-    least = inf
+    least = est.r
     for i in range(1, STEPS + 1):
         angle = turn * i / STEPS
         x = R * side * (sin(est.psi + angle) - sin(est.psi)) + est.V * roll * cos(est.psi)

@@ -33,6 +33,9 @@ EFFECT_FROM_RAD = 0.09
 class RollAlone:
     """roll = atan(V yaw_rate / (g effect)): V the true airspeed, effect = turn rate / coordinated turn rate."""
 
+    lacks = ""
+    """Nothing to learn."""
+
     def __init__(self, options: Options) -> None:
         self._options = options
         self.effect = 1.0

@@ -36,8 +36,9 @@ CLIMB_GAIN_PER_S = 1.5
 CLIMB_INTEGRAL_PER_S2 = 0.3
 MOST_LIFT_M_S2 = 3.0
 """Vertical acceleration that the height loop asks for at most, either way."""
-USUAL_HOVER_THRUST = 0.5
 LEVEL_CLIMB_M_S = 0.5
+HOVER_THRUST = (0.1, 0.9)
+"""What a hover can take; on the ground it is less."""
 
 
 class Attitude:
@@ -48,9 +49,14 @@ class Attitude:
         self._speed_m_s = options.speed_m_s
         self._bank_rad = options.bank_rad
         self._pitch_rad = options.pitch_rad
-        self._hover = Learned(options.thrust, USUAL_HOVER_THRUST)
+        self._hover = Learned(options.thrust, *HOVER_THRUST)
         self._integral_m_s2 = 0.0
         self._last_s = nan
+
+    @property
+    def lacks(self) -> str:
+        """The hover thrust."""
+        return "" if self._hover.known else "hover in place, so that the thrust which carries the vehicle is learned"
 
     def encode(self, setpoint: TurnRateSetpoint, state: VehicleState, now_s: float) -> Encoded | None:
         """Return SET_ATTITUDE_TARGET, mask 3; None without an attitude to put into it."""
@@ -63,8 +69,10 @@ class Attitude:
         yaw_rate = yaw_rate_rad_s(sp.turn_rate_rad_s)
         roll = within(atan(self._speed_m_s * yaw_rate / G_M_S2), -self._bank_rad, self._bank_rad) if flying else 0.0
         pitch = self._pitch_rad if flying else 0.0
-        if not flying and abs(state.climb_m_s) < LEVEL_CLIMB_M_S:
+        if not flying and state.in_air and abs(state.climb_m_s) < LEVEL_CLIMB_M_S:
             self._hover.learn(state.throttle * cos(state.roll_rad) * cos(state.pitch_rad), dt)
+        if not self._hover.known:
+            return None
         lift = self._lift(sp.height_m, state, dt if flying else 0.0)
         thrust = self._hover.value * (1.0 + lift / G_M_S2) / (cos(roll) * cos(pitch))
         return attitude(
@@ -108,7 +116,7 @@ PX4_MULTIROTOR_ATTITUDE = VehicleClass(
     speed="believed",
     turn_lag_s=0.45,
     encoder=Attitude,
-    take_off=TakeOff(None, "amsl", frozenset({px4_modes.TAKEOFF, px4_modes.HOLD}), px4_modes.HOLD),
+    take_off=TakeOff(None, "amsl", frozenset({px4_modes.TAKEOFF, px4_modes.HOLD}), px4_modes.HOLD, level_s=3.0),
     banks=True,
     wants_pitch=True,
 )

@@ -35,6 +35,11 @@ class Options(NamedTuple):
 class Encoder(Protocol):
     """One flight's encoder; it may learn and integrate, and is called once a tick while setpoints leave."""
 
+    @property
+    def lacks(self) -> str:
+        """What it still has to learn before it can fly, in words; empty when it can. Till then it encodes None."""
+        ...
+
     def encode(self, setpoint: TurnRateSetpoint, state: VehicleState, now_s: float) -> Encoded | None:
         """Return (message name, fields); None where what it needs is not heard: the autopilot then sees silence.
 

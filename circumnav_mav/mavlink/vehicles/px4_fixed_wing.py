@@ -35,7 +35,6 @@ PITCH_PER_CLIMB, PITCH_INTEGRAL, PITCH_IN_TURN = 0.06, 0.02, 0.25
 THRUST_PER_SPEED, THRUST_INTEGRAL, THRUST_PER_CLIMB, THRUST_IN_TURN = 0.06, 0.02, 0.04, 0.3
 """per m/s; 1/s per m/s; per m/s; per (load - 1)."""
 PITCH_LOW_RAD, PITCH_HIGH_RAD = radians(-15.0), radians(20.0)
-USUAL_THRUST = 0.6
 LEVEL_CLIMB_M_S = 0.7
 SLOW_SHARE, TOO_SLOW_SHARE = 0.92, 0.82
 """Of the speed to fly: below the first, climbing is given up by and by; below the second the nose goes down."""
@@ -46,13 +45,18 @@ class HeightAndSpeed:
 
     def __init__(self, options: Options) -> None:
         self._speed_m_s = options.speed_m_s
-        self._pitch = Learned(options.pitch_rad, 0.0)
-        self._thrust = Learned(options.thrust, USUAL_THRUST)
+        self._pitch = Learned(options.pitch_rad, PITCH_LOW_RAD, PITCH_HIGH_RAD)
+        self._thrust = Learned(options.thrust, 0.1, 1.0)
         self._pitch_integral = self._thrust_integral = 0.0
+
+    @property
+    def known(self) -> bool:
+        """Whether both trims are known."""
+        return self._pitch.known and self._thrust.known
 
     def learn(self, state: VehicleState, dt: float) -> None:
         """Take the trims from level flight by the autopilot."""
-        if abs(state.climb_m_s) < LEVEL_CLIMB_M_S and state.airspeed_m_s > 0.5 * self._speed_m_s:
+        if state.in_air and abs(state.climb_m_s) < LEVEL_CLIMB_M_S and state.airspeed_m_s > 0.5 * self._speed_m_s:
             load = 1.0 / cos(state.roll_rad) - 1.0
             self._pitch.learn(state.pitch_rad - PITCH_IN_TURN * load, dt)
             self._thrust.learn(within(state.throttle - THRUST_IN_TURN * load, 0.0, 1.0), dt)
@@ -97,6 +101,11 @@ class Bank:
         self._loop = HeightAndSpeed(options)
         self._last_s = nan
 
+    @property
+    def lacks(self) -> str:
+        """The trims."""
+        return "" if self._loop.known else "fly level in Hold, so that pitch and thrust of level flight are learned"
+
     def encode(self, setpoint: TurnRateSetpoint, state: VehicleState, now_s: float) -> Encoded | None:
         """Return SET_ATTITUDE_TARGET, mask 7; None without an attitude to judge by."""
         o = self._options
@@ -108,6 +117,8 @@ class Bank:
         flying = sp.speed_m_s > 0.0
         if not flying:  # the autopilot flies, or is about to
             self._loop.learn(state, dt)
+        if not self._loop.known:
+            return None
         speed = o.speed_m_s if isnan(state.airspeed_m_s) else state.airspeed_m_s
         roll = atan(speed * yaw_rate_rad_s(sp.turn_rate_rad_s) / G_M_S2)
         roll = within(roll, -o.bank_rad, o.bank_rad)  # a gust that makes it faster must not make it steeper

@@ -7,18 +7,26 @@ velocity, the airspeed stays FW_AIRSPD_TRIM. Needs a position estimate.
 
 from __future__ import annotations
 
-from math import atan2, cos, isnan, nan, sin
+from math import atan2, cos, isnan, nan, sin, tan
 
 from circumnav_mav.mavlink import px4_modes
 from circumnav_mav.mavlink.autopilot import VehicleState
 from circumnav_mav.mavlink.commands import Command
 from circumnav_mav.mavlink.dialect import enums
-from circumnav_mav.mavlink.setpoints import CURVED_PATH, Encoded, checked, position_target, within, yaw_rate_rad_s
+from circumnav_mav.mavlink.setpoints import (
+    CURVED_PATH,
+    G_M_S2,
+    Encoded,
+    checked,
+    position_target,
+    within,
+    yaw_rate_rad_s,
+)
 from circumnav_mav.mavlink.vehicles.plug import AIRSPEED, ATTITUDE, ESTIMATOR, VELOCITY, Options, VehicleClass
 from circumnav_mav.mavlink.vehicles.px4_fixed_wing import MESSAGES_HZ, PLANES, TAKE_OFF
 from circumnav_mav.types import TurnRateSetpoint
 
-LEASH_RAD = 0.35
+LEASH_RAD = 0.15
 """The direction asked for is never further than this from the course flown: what a gust did is not caught up with."""
 SLOWEST_M_S = 3.0
 
@@ -26,8 +34,12 @@ SLOWEST_M_S = 3.0
 class CurvedPath:
     """Direction integrated at the turn rate that is asked for, kept on a leash to the course that is flown."""
 
+    lacks = ""
+    """Nothing to learn."""
+
     def __init__(self, options: Options) -> None:
         self._limits = options.limits
+        self._lateral_m_s2 = G_M_S2 * tan(options.bank_rad)
         self._chi_rad = self._last_s = nan
 
     def encode(self, setpoint: TurnRateSetpoint, state: VehicleState, now_s: float) -> Encoded | None:
@@ -35,7 +47,9 @@ class CurvedPath:
         sp = checked(setpoint, self._limits)
         if isnan(state.north_m + state.course_rad + state.speed_m_s):
             return None
-        rate = yaw_rate_rad_s(sp.turn_rate_rad_s)
+        v = max(SLOWEST_M_S, state.speed_m_s)
+        most = self._lateral_m_s2 / v  # over the ground: downwind the same turn rate takes a steeper bank
+        rate = within(yaw_rate_rad_s(sp.turn_rate_rad_s), -most, most)
         dt = 0.0 if isnan(self._last_s) else within(now_s - self._last_s, 0.0, 0.2)
         self._last_s = now_s
         if sp.speed_m_s > 0.0 and not isnan(self._chi_rad):
@@ -43,7 +57,6 @@ class CurvedPath:
             self._chi_rad = state.course_rad + within(ahead, -LEASH_RAD, LEASH_RAD)
         else:
             self._chi_rad = state.course_rad
-        v = max(SLOWEST_M_S, state.speed_m_s)
         north, east = cos(self._chi_rad), sin(self._chi_rad)
         above = sp.height_m - state.height_m
         return position_target(

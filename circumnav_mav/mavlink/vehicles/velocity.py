@@ -36,6 +36,9 @@ COPTERS = frozenset(
 class Velocity:
     """Height is held through the vertical speed: no other setpoint holds one with a body velocity."""
 
+    lacks = ""
+    """Nothing to learn."""
+
     def __init__(self, options: Options) -> None:
         self._limits = options.limits
         self._lead_s = options.lead_s

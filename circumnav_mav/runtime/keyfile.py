@@ -1,0 +1,35 @@
+"""The signing key's file: read once, and only where nobody else can."""
+
+from __future__ import annotations
+
+import os
+import stat
+import time
+from pathlib import Path
+
+from circumnav_mav.mavlink.signing import Signer, key_from, timestamp
+from circumnav_mav.runtime.transport import LinkError
+
+
+def open_signer(key_file: str | None, now_s: float) -> Signer | None:
+    """Return the signer of the configured key, None without one; now_s: the flight's clock at this moment.
+
+    Raises LinkError, in words, for a file that cannot be read, holds no key, or may be read by others.
+    """
+    if key_file is None:
+        return None
+    path = Path(key_file).expanduser()
+    place = f"vehicle.signing_key_file {path}"
+    try:
+        with path.open("rb") as file:
+            mode = os.fstat(file.fileno()).st_mode
+            content = file.read(4096)
+    except OSError as error:
+        raise LinkError(f"{place}: cannot read it: {error.strerror or error}") from error
+    if mode & (stat.S_IRWXG | stat.S_IRWXO):
+        raise LinkError(f"{place}: others may read it (mode {stat.S_IMODE(mode):03o}): chmod 600 {path}")
+    try:
+        key = key_from(content)
+    except ValueError as error:
+        raise LinkError(f"{place}: {error}") from error
+    return Signer(key, timestamp(time.time() - now_s))

@@ -1,0 +1,128 @@
+"""`circumnav ranging`: what the sensor says, live. It listens; it never sends a setpoint or a command."""
+
+from __future__ import annotations
+
+import asyncio
+import signal
+from collections.abc import Iterator
+from math import inf
+
+from circumnav_mav.config import Config
+from circumnav_mav.endpoint import parse
+from circumnav_mav.mavlink.codec import Packer
+from circumnav_mav.mavlink.dialect import enums
+from circumnav_mav.range_feed import RangeFeed
+from circumnav_mav.ranging.monitor import Monitor, Status
+from circumnav_mav.runtime.clock import Clock
+from circumnav_mav.runtime.keyfile import open_signer
+from circumnav_mav.runtime.links import open_link, open_ranging_link
+from circumnav_mav.runtime.ranging_view import RangingView, number
+from circumnav_mav.types import RangeSample
+
+REFRESH_S = 0.25
+HEARTBEAT_S = 1.0
+COMPANION = (1, 191)
+
+
+class RangingApp:
+    """Listens to the configured source until the duration is over or somebody stops it."""
+
+    def __init__(self, config: Config, clock: Clock, view: RangingView, duration_s: float = inf) -> None:
+        self._config, self._clock, self._view, self._duration_s = config, clock, view, duration_s
+        self.feed = RangeFeed(config.ranging)
+        self.feed.on_vehicle(None, moving=False)  # on the bench a range may stand still
+        self.monitor = Monitor(self.feed.counts, clock.now())
+        self.ranges_m: list[float] = []
+        self._told: set[str] = set()
+        self._stopped = asyncio.Event()
+        self._packer: Packer | None = None
+        # Signatures guard the vehicle's link; a radio with an endpoint of its own has none.
+        own = self.feed.endpoint
+        self._signer = None if own else open_signer(config.vehicle.signing_key_file, clock.now())
+        if own is not None:
+            self._link = open_ranging_link(own, self.feed)
+        else:
+            self._link = open_link(parse(config.vehicle.link))
+        if self._link.endpoint.kind == "udpout" and self.feed.messages:  # nobody answers who was never called
+            self._packer = Packer(*COMPANION, self._signer)
+
+    async def run(self) -> Status:
+        """Listen to the end; return the last figures."""
+        loop = asyncio.get_running_loop()
+        for signum in (signal.SIGINT, signal.SIGTERM):
+            loop.add_signal_handler(signum, self._stopped.set)
+        try:
+            self._link.start(loop, self.take, self._on_change)
+            await self._show_until_stopped()
+        finally:
+            self._link.close()
+            self._view.close()
+        return self.monitor.status(self._clock.now())
+
+    async def _show_until_stopped(self) -> None:
+        heartbeat_next_s = -inf
+        while not self._stopped.is_set() and (now_s := self._clock.now()) < self._duration_s:
+            if self._packer is not None and now_s >= heartbeat_next_s:
+                heartbeat_next_s = now_s + HEARTBEAT_S
+                self._link.send(_heartbeat(self._packer))
+            self._view.show(now_s, self.monitor.status(now_s), self.hint() if now_s > 3.0 else "")
+            wait_s = min(REFRESH_S, self._duration_s - now_s)
+            try:
+                await asyncio.wait_for(self._stopped.wait(), wait_s)
+            except TimeoutError:
+                continue
+
+    def take(self, data: bytes) -> None:
+        """Take in what the link has heard."""
+        now_s = self._clock.now()
+        _, results = self.feed.on_bytes(data, now_s, whole=self._link.whole, signer=self._signer)
+        for result in results:
+            self.monitor.add(result, now_s)
+            if isinstance(result, RangeSample):
+                self.ranges_m.append(result.range_m)
+            elif result.reason not in self._told:
+                self._told.add(result.reason)
+                self._view.event(now_s, f"rejected, {result.reason}: {result.detail}")
+
+    def _on_change(self, up: bool, words: str) -> None:
+        self._view.event(self._clock.now(), words)
+        if not up and self._link.endpoint.kind == "file":  # nothing more will come
+            self._stopped.set()
+
+    def hint(self) -> str:
+        """Return in words why there is no range at all, as far as can be told, and what to do."""
+        signer = self._signer
+        if signer is not None and signer.refused and not signer.accepted:
+            return f"no frame on {self._link.endpoint} is believed: {signer.complaint()}"
+        return self.feed.why_none(self._link.endpoint)
+
+
+def summary(status: Status, duration_s: float, hint: str) -> Iterator[str]:
+    """Yield the lines that end a run."""
+    rate_hz = status.accepted / duration_s if duration_s > 0.0 else 0.0
+    yield f"ranges     {status.accepted} in {duration_s:.1f} s, {rate_hz:.1f} Hz"
+    if status.last is not None:
+        last = status.last
+        beacon = "" if last.beacon_id is None else f" from beacon {last.beacon_id}"
+        yield f"last       {last.range_m:.3f} m{beacon}, range rate {number(last.range_rate_m_s, '+.2f', ' m/s')}"
+        yield (
+            f"timing     jitter {number(status.jitter_s * 1e3, '.1f', ' ms')}, "
+            f"longest gap {status.longest_gap_s:.2f} s, delay {number(status.delay_s * 1e3, '.1f', ' ms')} (last 10 s)"
+        )
+        yield f"noise      {number(status.noise_m, '.3f', ' m')} (last 10 s)"
+    for reason, count in sorted(status.rejected.items(), key=lambda item: -item[1]):
+        yield f"rejected   {count} {reason}: {status.details.get(reason, '')}".rstrip(": ")
+    if hint:
+        yield f"why        {hint}"
+
+
+def _heartbeat(packer: Packer) -> bytes:
+    return packer.pack(
+        "HEARTBEAT",
+        type=enums.MAV_TYPE_ONBOARD_CONTROLLER,
+        autopilot=enums.MAV_AUTOPILOT_INVALID,
+        base_mode=0,
+        custom_mode=0,
+        system_status=enums.MAV_STATE_ACTIVE,
+        mavlink_version=3,
+    )

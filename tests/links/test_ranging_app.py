@@ -1,0 +1,163 @@
+"""`circumnav ranging` without its loop: what it counts, why it says that there is no range, and how it sums up."""
+
+from __future__ import annotations
+
+import io
+import random
+
+import pytest
+from pymavlink.dialects.v20 import all as mavlink
+
+from circumnav_mav.config import parse
+from circumnav_mav.runtime.ranging_app import RangingApp, summary
+from circumnav_mav.runtime.ranging_view import PlainRangingView, draw
+from sitl_stub.devices import DEVICES
+from tests.links.fake_loop import Cable
+
+
+class Clock:
+    speed = 1.0
+
+    def __init__(self) -> None:
+        self.now_s = 0.0
+
+    def now(self) -> float:
+        return self.now_s
+
+
+class Bench:
+    """An app whose link is open and whose time and bytes the test gives."""
+
+    def __init__(self, text: str) -> None:
+        self.clock, self.out = Clock(), io.StringIO()
+        self.app = RangingApp(parse(text), self.clock, PlainRangingView(self.out))
+
+    def hear(self, data: bytes, after_s: float = 0.1) -> None:
+        self.clock.now_s += after_s
+        self.app.take(data)
+
+    @property
+    def status(self):
+        return self.app.monitor.status(self.clock.now_s)
+
+    def close(self) -> None:
+        self.app._link.close()
+
+
+@pytest.fixture
+def bench():
+    opened = []
+
+    def make(text: str) -> Bench:
+        opened.append(Bench(text))
+        return opened[-1]
+
+    yield make
+    for one in opened:
+        one.close()
+
+
+@pytest.fixture
+def linktrack(bench, tmp_path):
+    cable = Cable(tmp_path / "tty")
+    yield bench(f"ranging: {{source: linktrack, endpoint: 'serial://{cable.path}'}}")
+    cable.unplug()
+
+
+def distance(range_m: float, component: int = 191, orientation: int = 0) -> bytes:
+    mav = mavlink.MAVLink(None, 1, component)
+    cm = round(range_m * 100)
+    return bytes(mavlink.MAVLink_distance_sensor_message(0, 10, 60000, cm, 0, 0, orientation, 255).pack(mav))
+
+
+MESSAGES = "vehicle: {link: 'udpin://127.0.0.1:0'}"
+
+
+def test_messages_are_accepted_and_rejected_by_reason(bench):
+    b = bench(MESSAGES)
+    for i in range(50):
+        b.hear(distance(100.0 + i) + distance(3.0, component=1, orientation=25))
+    status = b.status
+    assert (status.accepted, status.rejected) == (50, {"wrong_source": 50})
+    assert status.rate_hz == pytest.approx(10.0, rel=0.05)
+    assert b.app.ranges_m == [100.0 + i for i in range(50)]
+    assert b.app.hint() == ""
+    assert b.out.getvalue().count("rejected, wrong_source") == 1  # told once, with the detail
+
+
+def test_bytes_in_any_pieces(linktrack):
+    device, draw_ = DEVICES["linktrack"](3), random.Random(2)
+    stream = b"".join(device.encode(20.0 + 0.01 * i, 0.0, 0.1 * i) for i in range(100))
+    while stream:
+        cut = draw_.randrange(1, 60)
+        linktrack.hear(stream[:cut], 0.1 * cut / len(device.encode(20.0, 0.0, 0.0)))
+        stream = stream[cut:]
+    assert linktrack.status.accepted == 100 and linktrack.status.rejected == {}
+    assert linktrack.app._link.endpoint.baud == 921_600  # as the device is delivered
+
+
+def test_a_range_that_stands_still_on_the_bench_is_no_fault(linktrack):
+    device = DEVICES["linktrack"](3)
+    for i in range(200):
+        linktrack.hear(device.encode(10.0, 0.0, 0.1 * i))
+    assert linktrack.status.accepted == 200 and linktrack.status.jitter_s < 1e-9
+
+
+def test_why_there_is_no_range_from_messages(bench):
+    b = bench(MESSAGES)
+    assert "nothing is heard on udpin://127.0.0.1:0" in b.app.hint()
+    b.hear(b"$GPGGA,no mavlink at all*00\r\n" * 10)
+    assert "not MAVLink" in b.app.hint()
+    b = bench(MESSAGES)
+    b.hear(bytes(mavlink.MAVLink_heartbeat_message(2, 12, 0, 0, 4, 3).pack(mavlink.MAVLink(None, 1, 1))))
+    assert "1 MAVLink frames" in b.app.hint() and "no DISTANCE_SENSOR" in b.app.hint()
+    b.hear(distance(3.0, component=1))
+    assert "most of them wrong_source (1)" in b.app.hint()
+    b.hear(distance(100.0))
+    assert b.app.hint() == ""
+
+
+def test_why_there_is_no_range_from_a_device(linktrack):
+    assert "is there a device" in linktrack.app.hint()
+    linktrack.hear(DEVICES["dwm1001_les"](3).encode(10.0, 0.0, 0.0) * 20)
+    assert "not linktrack: another baud rate than 921600?" in linktrack.app.hint()
+    for i in range(9):
+        linktrack.hear(DEVICES["linktrack"](3).encode(0.0, 0.0, 0.1 * i))
+    assert "no_reading" in linktrack.app.hint()
+
+
+def test_on_a_signed_link_unsigned_ranges_do_not_count(bench, tmp_path):
+    key = tmp_path / "key"
+    key.write_text("a passphrase")
+    key.chmod(0o600)
+    b = bench(f"vehicle: {{link: 'udpin://127.0.0.1:0', signing_key_file: '{key}'}}")
+    b.hear(distance(100.0))
+    assert b.status.accepted == 0 and "1 unsigned" in b.app.hint()
+
+
+def test_the_summary_says_everything_in_lines_of_one_fact(bench):
+    b = bench(MESSAGES)
+    for i in range(30):
+        b.hear(distance(100.0 + i) + (distance(3.0, component=1) if i % 3 == 0 else b""))
+    lines = list(summary(b.status, b.clock.now_s, b.app.hint()))
+    assert lines[0] == "ranges     30 in 3.0 s, 10.0 Hz"
+    assert any(line.startswith("rejected   10 wrong_source: (1, 1) is an autopilot") for line in lines)
+    assert not any(line.startswith("why") for line in lines)
+    empty = bench(MESSAGES)
+    assert list(summary(empty.status, 2.0, empty.app.hint()))[-1].startswith("why        nothing is heard")
+
+
+def test_the_views_draw_every_state(bench):
+    from rich.console import Console
+
+    b = bench(MESSAGES)
+    view = PlainRangingView(b.out)
+    for i in range(40):
+        console = Console(width=120, file=io.StringIO())
+        console.print(draw(b.status, b.app.hint(), "title", ["event"]))
+        view.show(b.clock.now_s, b.status, b.app.hint())
+        b.hear(distance(100.0 + i) if i > 10 else b"")
+    shown = [line for line in b.out.getvalue().splitlines() if " range " in line]
+    assert len(shown) == 3  # one a second, from the first second on
+    assert "nothing is heard" in shown[0] and "10.0 Hz" not in shown[0]
+    assert "accepted" in shown[-1]

@@ -1,0 +1,188 @@
+"""What only the wall clock reaches: the commands as processes, over a pseudo-terminal and TCP, unplugged in flight."""
+
+from __future__ import annotations
+
+import os
+import random
+import select
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from circumnav_mav.mavlink.codec import Splitter
+from sitl_stub import Stub, StubConfig
+from sitl_stub.devices import DEVICES
+from tests.links.fake_loop import Cable
+from tests.lockstep import OFFBOARD_LINK, Peer, airborne
+
+pytestmark = pytest.mark.realtime
+ROOT = Path(__file__).parents[2]
+OFFBOARD = 0x00060000
+
+
+def circumnav(tmp_path: Path, *arguments: str) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [sys.executable, "-c", "from circumnav_mav.cli import main; main()", *arguments],
+        cwd=tmp_path, env={**os.environ, "PYTHONPATH": str(ROOT)},
+        stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+    )  # fmt: skip
+
+
+class Vehicle:
+    """The stub on the wall clock, on a stream: a pseudo-terminal's master or a connected socket."""
+
+    def __init__(self, config: StubConfig) -> None:
+        self.stub = Stub(config)
+        self.pilot = Peer(self.stub)
+        self.start_s = time.monotonic()
+        self.splitter = Splitter()
+        self.setpoints: list[float] = []
+        self.each_tick: Callable[[float], None] = lambda now_s: None
+
+    @property
+    def now_s(self) -> float:
+        return time.monotonic() - self.start_s
+
+    def run(self, for_s: float, fd: int | None, *, until: Callable[[], bool] = lambda: False) -> bool:
+        """Fly; return whether `until` came to hold. fd: the stream to the app, None = there is none."""
+        end_s = self.now_s + for_s
+        while self.now_s < end_s and not until():
+            self.stub.advance(self.now_s)
+            self.each_tick(self.now_s)
+            said = b"".join(self.stub.take(OFFBOARD_LINK))
+            if fd is None:
+                time.sleep(0.01)
+                continue
+            self._write(fd, said)
+            if select.select([fd], [], [], 0.01)[0]:
+                self._read(fd)
+        return until()
+
+    def _write(self, fd: int, data: bytes) -> None:
+        try:
+            os.write(fd, data)
+        except OSError:
+            return  # nobody reads (yet), or the line is full
+
+    def _read(self, fd: int) -> None:
+        try:
+            data = os.read(fd, 65536)
+        except OSError:  # the app has closed its end
+            time.sleep(0.01)
+            return
+        for frame in self.splitter.feed(data, whole=False):
+            if frame.msgid == 84:
+                self.setpoints.append(self.now_s)
+            self.stub.receive(OFFBOARD_LINK, frame.raw)
+
+    def engage(self, fd: int) -> None:
+        assert self.run(20.0, fd, until=lambda: len(self.setpoints) > 30), "the app did not get ready"
+        self.pilot.mode(OFFBOARD)
+        assert self.run(5.0, fd, until=lambda: self.stub.truth().mode == "OFFBOARD")
+        self.run(1.0, fd)
+        assert self.stub.truth().mode == "OFFBOARD"
+
+    @property
+    def mode(self) -> str:
+        return self.stub.truth().mode
+
+
+def test_a_serial_link_unplugged_in_flight_comes_back_and_the_aircraft_is_not_taken_back(tmp_path):
+    cable = Cable(tmp_path / "usb-autopilot")
+    (tmp_path / "c.yaml").write_text(f"vehicle: {{link: 'serial://{cable.path}:921600'}}\nrecord: {{directory: f}}\n")
+    app = circumnav(tmp_path, "fly", "c.yaml")
+    try:
+        vehicle = Vehicle(airborne(distance_m=60.0))
+        vehicle.engage(cable.master)
+        cable.unplug()
+        vehicle.run(2.5, None)  # longer than the loss timeout: the autopilot's failsafe acts
+        assert vehicle.mode != "OFFBOARD"
+        vehicle.setpoints.clear()
+        vehicle.splitter = Splitter()
+        cable.plug()
+        vehicle.run(5.0, cable.master)
+        assert vehicle.splitter.counts.frames > 5  # the app is back on the line: heartbeats and requests
+        assert vehicle.setpoints == [] and vehicle.mode != "OFFBOARD"
+        app.terminate()
+        assert vehicle.run(15.0, cable.master, until=lambda: app.poll() is not None), "the app did not end"
+        out = app.stdout.read()
+        assert "vehicle link lost" in out and "is open again" in out and "released" in out, out
+        assert app.returncode == 1
+    finally:
+        app.kill()
+        app.wait()
+
+
+def test_an_autopilot_on_tcp_and_a_radio_on_a_serial_port_fly(tmp_path):
+    cable = Cable(tmp_path / "usb-radio")
+    listener = socket.create_server(("127.0.0.1", 0))
+    listener.settimeout(20.0)
+    port = listener.getsockname()[1]
+    (tmp_path / "c.yaml").write_text(
+        f"vehicle: {{link: 'tcp:127.0.0.1:{port}'}}\nrecord: {{directory: f}}\n"
+        f"ranging: {{source: dwm1001_les, endpoint: '{cable.path},115200'}}\norbit: {{radius_m: 30}}\n"
+    )
+    app = circumnav(tmp_path, "fly", "c.yaml")
+    try:
+        router, _ = listener.accept()
+        vehicle, tag, noise = (
+            Vehicle(airborne(distance_m=60.0, radio=False)),
+            DEVICES["dwm1001_les"](3),
+            random.Random(1),
+        )
+        next_s = 0.0
+        heard = b""
+
+        def range_now(now_s: float) -> None:
+            nonlocal next_s, heard
+            heard += cable.heard()
+            if b"les\r" in heard and now_s >= next_s:  # silent until the app has opened its shell
+                next_s = now_s + 0.1
+                cable.say(tag.encode(vehicle.stub.truth().range_m + noise.gauss(0.0, 0.1), 0.0, now_s))
+
+        vehicle.each_tick = range_now
+        vehicle.engage(router.fileno())
+        count = len(vehicle.setpoints)
+        vehicle.run(3.0, router.fileno())
+        assert heard.startswith(b"\r\rles\r")
+        assert len(vehicle.setpoints) - count > 100 and vehicle.mode == "OFFBOARD"
+        app.terminate()
+        assert vehicle.run(15.0, router.fileno(), until=lambda: app.poll() is not None), "the app did not end"
+        assert app.returncode == 0, app.stdout.read()
+        assert vehicle.mode == "AUTO/LOITER"
+        router.close()
+    finally:
+        listener.close()
+        app.kill()
+        app.wait()
+
+
+def test_a_bias_is_measured_and_written_and_nothing_but_listening_is_done(tmp_path):
+    cable = Cable(tmp_path / "usb-radio")
+    path = tmp_path / "c.yaml"
+    before = f"# ours\nranging:\n  source: linktrack   # the tag\n  endpoint: {cable.path}\n  bias_m: 0.1   # old\n"
+    path.write_text(before)
+    app = circumnav(tmp_path, "ranging", "c.yaml", "--calibrate", "10", "--duration", "4")
+    try:
+        tag, noise, n = DEVICES["linktrack"](3), random.Random(4), 0
+        start_s, sent = time.monotonic(), b""
+        while app.poll() is None and time.monotonic() - start_s < 30.0:
+            n += 1
+            cable.say(tag.encode(10.3 + noise.gauss(0.0, 0.03), 0.0, time.monotonic() - start_s))
+            sent += cable.heard()
+            time.sleep(0.02)
+        out = app.stdout.read()
+        assert app.returncode == 0, out
+        assert "calibrated bias +0.3" in out and "standard error 0.00" in out and "written" in out
+        (line,) = [line for line in path.read_text().splitlines() if "bias_m" in line]
+        assert abs(float(line.split()[1]) - 0.3) < 0.02 and line.endswith("   # old")
+        assert path.read_text().replace(line.split()[1], "0.1") == before
+        assert sent == b""
+    finally:
+        app.kill()
+        app.wait()
