@@ -90,7 +90,9 @@ def field(tmp_path):
 
 
 @pytest.mark.realtime
-@pytest.mark.parametrize("fault", ["killed", "stopped", "blocked", "blocked with the GIL held"])
+@pytest.mark.parametrize(
+    "fault", ["killed", "stopped", "blocked with the GIL held", pytest.param("blocked", marks=pytest.mark.soak)]
+)
 def test_silence_failsafe_and_no_way_back_in(field, fault):
     field.engage()
     app = field.app
