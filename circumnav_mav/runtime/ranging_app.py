@@ -32,7 +32,7 @@ class RangingApp:
         self.feed = RangeFeed(config.ranging)
         self.feed.on_vehicle(None, moving=False)  # on the bench a range may stand still
         self.monitor = Monitor(self.feed.counts, clock.now())
-        self.ranges_m: list[float] = []
+        self.samples: list[RangeSample] = []
         self._told: set[str] = set()
         self._stopped = asyncio.Event()
         self._packer: Packer | None = None
@@ -79,7 +79,7 @@ class RangingApp:
         for result in results:
             self.monitor.add(result, now_s)
             if isinstance(result, RangeSample):
-                self.ranges_m.append(result.range_m)
+                self.samples.append(result)
             elif result.reason not in self._told:
                 self._told.add(result.reason)
                 self._view.event(now_s, f"rejected, {result.reason}: {result.detail}")

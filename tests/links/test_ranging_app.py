@@ -80,7 +80,7 @@ def test_messages_are_accepted_and_rejected_by_reason(bench):
     status = b.status
     assert (status.accepted, status.rejected) == (50, {"wrong_source": 50})
     assert status.rate_hz == pytest.approx(10.0, rel=0.05)
-    assert b.app.ranges_m == [100.0 + i for i in range(50)]
+    assert [sample.range_m for sample in b.app.samples] == [100.0 + i for i in range(50)]
     assert b.app.hint() == ""
     assert b.out.getvalue().count("rejected, wrong_source") == 1  # told once, with the detail
 
