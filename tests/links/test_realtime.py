@@ -162,6 +162,7 @@ def test_an_autopilot_on_tcp_and_a_radio_on_a_serial_port_fly(tmp_path):
         app.wait()
 
 
+@pytest.mark.soak
 def test_a_bias_is_measured_and_written_and_nothing_but_listening_is_done(tmp_path):
     cable = Cable(tmp_path / "usb-radio")
     path = tmp_path / "c.yaml"
