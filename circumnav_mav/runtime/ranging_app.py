@@ -21,7 +21,8 @@ from circumnav_mav.types import RangeSample
 
 REFRESH_S = 0.25
 HEARTBEAT_S = 1.0
-COMPANION = (1, 191)
+LISTENER = (1, 192)
+"""MAV_COMP_ID_ONBOARD_COMPUTER2: a flight that goes on meanwhile must not take this for a rival with its own ids."""
 
 
 class RangingApp:
@@ -44,7 +45,7 @@ class RangingApp:
         else:
             self._link = open_link(parse(config.vehicle.link))
         if self._link.endpoint.kind == "udpout" and self.feed.messages:  # nobody answers who was never called
-            self._packer = Packer(*COMPANION, self._signer)
+            self._packer = Packer(*LISTENER, self._signer)
 
     async def run(self) -> Status:
         """Listen to the end; return the last figures."""

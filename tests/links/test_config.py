@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from circumnav_mav.config import ConfigError, parse
@@ -119,6 +119,7 @@ def test_what_does_not_fit_together_is_said(text, words):
     assert any(words in line for line in faults(text)), faults(text)
 
 
+@settings(deadline=None)
 @given(st.text(st.sampled_from("serialudptcpnouf:/.,0123456789-[]COM \n"), max_size=40) | st.text(max_size=20))
 def test_any_text_is_an_endpoint_that_reads_back_or_an_error_in_one_line(text):
     try:
