@@ -45,7 +45,9 @@ def held(rig: Rig) -> list[Any]:
 
 
 def steepest_deg(rig: Rig) -> float:
-    return math.degrees(max(abs(truth.roll_rad) for truth in held(rig)))
+    """Return the steepest bank, from a second after control began: before that it is the autopilot's own."""
+    flown = held(rig)
+    return math.degrees(max(abs(truth.roll_rad) for truth in flown if truth.t_s > flown[0].t_s + 1.0))
 
 
 @pytest.mark.parametrize(("wind_m_s", "direction", "rms_m"), [(3.0, "clockwise", 3.0), (0.0, "anticlockwise", 1.0)])
