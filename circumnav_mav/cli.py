@@ -1,7 +1,7 @@
 """The `circumnav` command.
 
 Exit codes: 0 done as asked; 1 the flight ended another way (released, range lost, refused, nothing heard); 2 bad
-configuration or usage; 3 a link cannot be opened; 70 a fault of the app itself.
+configuration or usage; 3 a link cannot be opened; 4 `check --live` found warnings only; 70 a fault of the app itself.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from typing import Annotated
 import typer
 
 from circumnav_mav import __version__, cli_study
-from circumnav_mav.config import ConfigError, load
+from circumnav_mav.config import Config, ConfigError, load
 from circumnav_mav.runtime.app import Options
 from circumnav_mav.runtime.clock import Clock
 from circumnav_mav.runtime.demo import demo_config, run_demo
@@ -23,7 +23,7 @@ from circumnav_mav.runtime.session import Crash, Outcome, fly
 from circumnav_mav.runtime.transport import LinkError
 from circumnav_mav.runtime.view import open_view
 
-EXIT_FLIGHT, EXIT_USAGE, EXIT_LINK, EXIT_CRASH = 1, 2, 3, 70
+EXIT_FLIGHT, EXIT_USAGE, EXIT_LINK, EXIT_WARNINGS, EXIT_CRASH = 1, 2, 3, 4, 70
 DONE = ("completed",)
 
 app = typer.Typer(
@@ -89,13 +89,37 @@ def fly_command(
 
 
 @app.command()
-def check(config: ConfigPath) -> None:
-    """Check a configuration: every fault at once, and what follows from it for the flight."""
+def check(
+    config: ConfigPath,
+    live: Annotated[
+        bool, typer.Option("--live", help="also listen to the vehicle and the radio: what would stop a flight")
+    ] = False,
+    seconds: Annotated[float, typer.Option(help="listen for so long, with --live", min=5.0)] = 10.0,
+) -> None:
+    """Check a configuration: every fault at once, and what follows from it for the flight. Moves nothing.
+
+    With --live the exit code says how grave it is: 0 ready, 4 warnings, 1 errors that stop a flight.
+    """
     from circumnav_mav.check import consequences
 
     settings = load(config)
     for line in consequences(settings):
         typer.echo(line)
+    if live:
+        _check_live(settings, seconds)
+
+
+def _check_live(settings: Config, seconds: float) -> None:
+    from circumnav_mav.readiness import Severity
+    from circumnav_mav.runtime.live_check import listen, table
+
+    typer.echo(f"listening on {settings.vehicle.link} for {seconds:g} s")
+    findings = listen(settings, seconds)
+    for line in table(findings):
+        typer.echo(line)
+    worst = max(finding.severity for finding in findings)
+    if worst is not Severity.OK:
+        raise typer.Exit(EXIT_FLIGHT if worst is Severity.ERROR else EXIT_WARNINGS)
 
 
 @app.command()

@@ -82,6 +82,7 @@ class Autopilot:
         self.height_m = nan
         """Above home, by the autopilot."""
         self.amsl_m = nan
+        self.lat_deg = self.lon_deg = self.position_s = nan
         self.hud_s = nan
         self.airspeed_m_s = nan
         """True airspeed: MAVLink's is calibrated, corrected here for the thinner air (ISA)."""
@@ -165,6 +166,8 @@ class Autopilot:
         self.mode_s = now_s
 
     def _attitude(self, fields: Any, now_s: float) -> None:
+        if not sane(fields.roll, fields.pitch, fields.yaw, fields.rollspeed, fields.pitchspeed, fields.yawspeed):
+            return
         if fields.time_boot_ms < self._boot_ms - REBOOT_JUMP_MS:
             self.reboots += 1
             self._boot_ms = fields.time_boot_ms
@@ -176,6 +179,8 @@ class Autopilot:
         self.attitude_s = now_s
 
     def _local_position(self, fields: Any, now_s: float) -> None:
+        if not sane(fields.x, fields.y, fields.z, fields.vx, fields.vy, fields.vz):
+            return
         speed = hypot(fields.vx, fields.vy)
         elapsed = now_s - self.velocity_s
         if elapsed < SPEED_TIME_CONSTANT_S:
@@ -190,11 +195,15 @@ class Autopilot:
         self.height.take("LOCAL_POSITION_NED", -fields.z, now_s, on_ground=not self.armed)
 
     def _global_position(self, fields: Any, now_s: float) -> None:
+        self.lat_deg, self.lon_deg = fields.lat / 1e7, fields.lon / 1e7
+        self.position_s = now_s
         self.height_m = fields.relative_alt / 1000.0
         self.amsl_m = fields.alt / 1000.0
         self.height.take("GLOBAL_POSITION_INT", self.height_m, now_s, on_ground=not self.armed)
 
     def _vfr_hud(self, fields: Any, now_s: float) -> None:
+        if not sane(fields.airspeed, fields.alt, fields.climb):
+            return
         self.airspeed_m_s = fields.airspeed * true_per_calibrated(fields.alt)
         self.throttle = fields.throttle / 100.0
         self.height.take("VFR_HUD", fields.alt, now_s, on_ground=not self.armed)
@@ -270,6 +279,11 @@ class Autopilot:
             down,
             self.armed and self.in_air is True,
         )
+
+
+def sane(*values: float) -> bool:
+    """Return whether no value is NaN, infinite or beyond anything that flies: such a message counts as not heard."""
+    return all(abs(value) < 1e6 for value in values)
 
 
 def true_per_calibrated(amsl_m: float) -> float:

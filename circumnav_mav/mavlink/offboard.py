@@ -151,8 +151,8 @@ class Authority:
             return "the autopilot is not heard"
         if self.control in (Control.RELEASED, Control.GIVING_BACK, Control.GIVEN_BACK):
             return self.reason
-        if self._has_rival(now_s):
-            return self._rival
+        if rival := self.rival_words(now_s):
+            return rival
         ours = self._words.ours_name
         return {
             Seen.NOTHING: "waiting for a mode message newer than the gap",
@@ -204,6 +204,10 @@ class Authority:
             self._rival = (
                 f"another program on the link speaks as {who}: stop it (or the router that sends our own messages back)"
             )
+
+    def rival_words(self, now_s: float) -> str:
+        """Return who else speaks as this app or flies this vehicle, in words; empty while nobody does."""
+        return self._rival if self._has_rival(now_s) else ""
 
     def _has_rival(self, now_s: float) -> bool:
         return now_s - self._rival_s <= RIVAL_WITHIN_S

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import asyncio
+import os
 import signal
+import time
 from dataclasses import dataclass, field
 from functools import partial
 from math import inf, nan
@@ -13,13 +15,16 @@ from circumnav_mav.config import Config
 from circumnav_mav.endpoint import parse
 from circumnav_mav.flight import RANGING, VEHICLE, Flight, TickRecord
 from circumnav_mav.guidance.phases import ENGAGED, Phase
+from circumnav_mav.guidance.target import describe, describe_drift
 from circumnav_mav.runtime.clock import Clock, run_on_grid
 from circumnav_mav.runtime.keyfile import open_signer
 from circumnav_mav.runtime.links import open_link, open_ranging_link
 from circumnav_mav.runtime.realtime import settle
 from circumnav_mav.runtime.recorder import Recorder
+from circumnav_mav.runtime.systemd import Notifier
 from circumnav_mav.runtime.transport import Transport
 from circumnav_mav.runtime.view import REFRESH_HZ, View
+from circumnav_mav.runtime.watchdog import WITHIN_S, Watchdog
 
 END_WITHIN_S = 8.0
 """A polite end that has not come by then is cut short: three requests a second apart, and some."""
@@ -38,7 +43,7 @@ class Options:
 
 @dataclass(slots=True)
 class Result:
-    """How a run ended. outcome: completed, released, range_lost, refused, no_autopilot, no_range, stopped."""
+    """How a run ended. outcome: completed, released, range_lost, refused, no_autopilot, no_range, hung, stopped."""
 
     outcome: str
     text: str
@@ -69,6 +74,9 @@ class App:
         self._lateness_s = 0.0
         self._drops_told = False
         self._verdict: tuple[str, str] | None = None
+        self._silenced = False
+        self._watchdog = Watchdog(self._silence)
+        self._systemd = Notifier(os.environ)
 
     def open_links(self) -> None:
         """Open the sockets. Raises LinkError, in words."""
@@ -97,12 +105,16 @@ class App:
             loop.add_signal_handler(signum, self._on_signal, signum)
         loop.add_signal_handler(signal.SIGCONT, self.flight.stopped)
         scheduling = settle()
+        self._watchdog.start()
         try:
             for name, link in self._links.items():
                 link.start(loop, partial(self._on_data, name), partial(self._on_change, name))
+            self._systemd.tell("READY=1", f"STATUS=listening on {self._config.vehicle.link}")
             await run_on_grid(self._clock, self._config.loop.rate_hz, self._tick)
         finally:
             self.close_links()
+            self._watchdog.stop()
+            self._systemd.close()
         self._show_events()
         return self._result(scheduling)
 
@@ -110,6 +122,11 @@ class App:
         if self.flight.end_reason:
             self._verdict = ("stopped", "stopped at once by a second signal; setpoints ended without a mode request")
         self.flight.end("stopped by the operator")
+
+    def _silence(self) -> None:
+        """Nothing leaves any more. Called by the watchdog's thread; the loop closes the sockets when it is back."""
+        self._silenced = True
+        self._verdict = ("hung", f"the loop did not tick for {WITHIN_S:g} s; setpoints have stopped for good")
 
     def _on_data(self, link: str, data: bytes) -> None:
         frames = self.flight.receive(data, self._clock.now(), link, whole=self._links[link].whole)
@@ -119,11 +136,13 @@ class App:
     def _on_change(self, link: str, up: bool, words: str) -> None:
         now_s = self._clock.now()
         if up:
-            self._send(self.flight.link_back(link, now_s, words))
+            self.flight.link_back(link, now_s, words)
         else:
             self.flight.link_lost(link, now_s, words)
 
     def _tick(self, now_s: float, lateness_s: float, missed: int) -> bool:
+        self._watchdog.beat()
+        self._systemd.beat(time.monotonic())
         self._ticks += 1
         self._missed += missed
         self._lateness_s = max(lateness_s, 0.9 * self._lateness_s)
@@ -144,6 +163,8 @@ class App:
     def _send(self, frames: list[bytes]) -> None:
         link = self._links[VEHICLE]
         for frame in frames:
+            if self._silenced:
+                return
             link.send(frame)
             self._recorder.frame(frame)
 
@@ -162,7 +183,7 @@ class App:
         if flight.end_reason and self._end_by_s == inf:
             self._end_by_s = now_s + END_WITHIN_S
         self._verdict = self._verdict or self._find_verdict(now_s, phase)
-        if now_s >= self._show_next_s:
+        if now_s >= self._show_next_s or self._verdict is not None or flight.done:
             self._show_next_s = now_s + self._clock.speed / REFRESH_HZ
             self._watch_drops(now_s)
             self._show_events()
@@ -223,6 +244,7 @@ class App:
         for event in events[self._shown_events :]:
             self._recorder.event(event.t_s, event.text)
             self._view.event(event.t_s, event.text)
+            self._systemd.tell(f"STATUS={event.text}")
         self._shown_events = len(events)
 
     def _snapshot(self, now_s: float, record: TickRecord) -> dict[str, Any]:
@@ -239,6 +261,8 @@ class App:
             "speed_m_s": record.speed_m_s,
             "speed_source": record.speed_source,
             "height_m": record.height_m,
+            "target": describe(self.flight.target, self.flight.target_place),
+            "drift": describe_drift(self.flight.target),
             "sample_age_s": record.sample_age_s,
             "rejected": record.rejected,
             "lateness_ms": self._lateness_s * 1e3,

@@ -63,7 +63,7 @@ def keep_the_rules(rig: Rig) -> None:
     for tick in rig.log.ticks:
         sends = tick.turn_rate_sent_rad_s == tick.turn_rate_sent_rad_s
         if tick.phase in ENGAGED_NAMES and sends:
-            assert tick.sample_age_s <= ranging.coast_s + 1e-6, tick
+            assert tick.sample_age_s <= max(ranging.coast_s, ranging.max_age_s) + 1e-6, tick
         released_s = min(released_s, tick.t_s) if tick.control == "released" else math.inf
         assert not (sends and tick.control in ("released", "given back")), tick
     if math.isfinite(released_s):

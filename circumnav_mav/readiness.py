@@ -1,0 +1,267 @@
+"""What would stop a flight, or make its end worse than it need be: an audit of a live link, SANS-IO. It moves nothing.
+
+`circumnav check CONFIG --live` listens for ten seconds; every finding names what it looked at and what mends it.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import replace
+from enum import IntEnum
+from math import isnan
+from typing import NamedTuple
+
+from circumnav_mav.config import Config
+from circumnav_mav.mavlink.autopilot import AUTOPILOT_COMPONENT
+from circumnav_mav.mavlink.dialect import by_name, enums
+from circumnav_mav.mavlink.link import AutopilotLink
+from circumnav_mav.mavlink.signing import Signer
+from circumnav_mav.mavlink.vehicles import VEHICLES
+from circumnav_mav.mavlink.vehicles.fitness import Fitness, described
+from circumnav_mav.range_feed import RangeFeed
+from circumnav_mav.types import RangeSample
+
+PX4_PARAMETERS = ("COM_OF_LOSS_T", "COM_OBL_RC_ACT", "COM_RC_OVERRIDE", "COM_RCL_EXCEPT", "NAV_RCL_ACT")
+RC_RECEIVER, PREARM_CHECK = enums.MAV_SYS_STATUS_SENSOR_RC_RECEIVER, enums.MAV_SYS_STATUS_PREARM_CHECK
+STICKS = frozenset({by_name("RC_CHANNELS").msgid, by_name("MANUAL_CONTROL").msgid})
+SLOW_SHARE = 0.5
+"""A stream below this share of what was asked for is slow."""
+SETTLE_S = 3.0
+"""Streams are counted from here on: first they must be asked for."""
+LEAST_RANGE_HZ = 2.0
+
+
+class Severity(IntEnum):
+    """How bad a finding is."""
+
+    OK = 0
+    WARNING = 1
+    ERROR = 2
+
+
+class Finding(NamedTuple):
+    """One row of the table. fix: empty where nothing is to be done."""
+
+    severity: Severity
+    what: str
+    text: str
+    fix: str = ""
+
+
+# COM_OBL_RC_ACT -> (severity without RC, severity with RC, what PX4 does; measured on v1.16)
+LOSS_ACTIONS: dict[int, tuple[Severity, Severity, str]] = {
+    0: (Severity.ERROR, Severity.WARNING, "Position mode: without sticks it SINKS to the ground, 0.5 to 1 m/s"),
+    1: (Severity.ERROR, Severity.WARNING, "Altitude mode: without sticks it sinks at 0.7 m/s and drifts"),
+    2: (Severity.ERROR, Severity.WARNING, "Stabilized mode: without sticks it sinks at 0.4 m/s and drifts"),
+    3: (Severity.OK, Severity.OK, "Return: climbs to RTL_RETURN_ALT, then flies home"),
+    4: (Severity.OK, Severity.OK, "Land where it is"),
+    5: (Severity.OK, Severity.OK, "Hold"),
+    6: (Severity.ERROR, Severity.ERROR, "TERMINATION: motors off, it falls"),
+    7: (Severity.ERROR, Severity.ERROR, "DISARM in the air: it falls"),
+}
+SAFE_LOSS = "set COM_OBL_RC_ACT to 5 (Hold), 3 (Return) or 4 (Land)"
+
+
+class Audit:
+    """Feed it what arrives, send what `tick` returns, and ask for the findings at the end."""
+
+    def __init__(self, config: Config, signer: Signer | None = None) -> None:
+        self._config = config
+        self._vehicle = vehicle = config.vehicle_class
+        self.ranges = RangeFeed(config.ranging)
+        px4 = vehicle.autopilot == enums.MAV_AUTOPILOT_PX4
+        words = replace(vehicle.words, parameters=PX4_PARAMETERS if px4 else vehicle.words.parameters)
+        subscribed = () if self.ranges.own_link else self.ranges.messages
+        self.link = AutopilotLink(subscribed, vehicle.messages_hz, words, signer)
+        self._fitness = Fitness(vehicle, VEHICLES.values())
+        self._counts: Counter[int] = Counter()
+        self._sticks = False
+        self._accepted = 0
+        self._decoys = 0
+        self._since_s = SETTLE_S
+
+    def receive(self, data: bytes, now_s: float, *, ranging: bool = False, whole: bool = True) -> None:
+        """Take in what arrived at `now_s`; ranging: on the radio's own link."""
+        if ranging:
+            _, results = self.ranges.on_bytes(data, now_s, whole=whole, signer=self.link.signer)
+        else:
+            frames, messages = self.link.receive(data, now_s, whole=whole)
+            self.ranges.on_vehicle(self.link.autopilot.sysid, moving=False)
+            results = [] if self.ranges.own_link else self.ranges.on_messages(messages, now_s)
+            for frame in frames:
+                self._sticks = self._sticks or frame.msgid in STICKS
+                if now_s >= self._since_s and frame.compid == AUTOPILOT_COMPONENT:
+                    self._counts[frame.msgid] += 1
+        for result in results:
+            if not isinstance(result, RangeSample):
+                self._decoys += str(result.reason) in ("wrong_source", "decoy_orientation")
+            elif now_s >= self._since_s:
+                self._accepted += 1
+
+    def tick(self, now_s: float) -> list[bytes]:
+        """Return what is to be sent: heartbeat, requests for streams and parameters. Never a setpoint, never a mode."""
+        return self.link.poll(now_s) + self.link.read_parameters(now_s)
+
+    def findings(self, now_s: float) -> list[Finding]:
+        """Return the table, gravest first."""
+        if self.link.autopilot.sysid is None:
+            found = [self._nobody(), *self._range(now_s)]
+        else:
+            found = [
+                *self._vehicle_rows(now_s),
+                *self._streams(now_s),
+                *self._range(now_s),
+                *self._loss(),
+                *self._pilot(),
+                *self._battery(),
+            ]
+        return sorted(found, key=lambda finding: -finding.severity)
+
+    # -- rows -------------------------------------------------------------------------------------------------------
+
+    def _nobody(self) -> Finding:
+        counts, link = self.link.counts, self._config.vehicle.link
+        fix = f"check vehicle.link ({link}), the cable, and that MAV_x_CONFIG of that port is set"
+        if counts.understood:
+            return Finding(
+                Severity.ERROR,
+                "autopilot",
+                "MAVLink comes, but no autopilot's HEARTBEAT (component 1)",
+                "check routing",
+            )
+        if counts.noise or counts.rubbish_bytes:
+            return Finding(Severity.ERROR, "autopilot", "bytes come that are not MAVLink", f"baud rate? {fix}")
+        return Finding(Severity.ERROR, "autopilot", "nothing is heard", fix)
+
+    def _vehicle_rows(self, now_s: float) -> Iterator[Finding]:
+        ap, authority = self.link.autopilot, self.link.authority
+        unfit = self._fitness.unfit(ap, now_s)
+        who = f"system {ap.sysid}, {described(ap.kind, ap.vehicle_type)}"
+        if unfit is not None:
+            yield Finding(Severity.ERROR, "vehicle", unfit.text)
+        else:
+            yield Finding(Severity.OK, "vehicle", who)
+        if self.link.signs_at_us:
+            yield Finding(Severity.ERROR, "signing", "the autopilot signs its messages", "set vehicle.signing_key_file")
+        for stranger in sorted(ap.strangers):
+            fix = "give every vehicle a link of its own, or filter in the router"
+            yield Finding(Severity.WARNING, "ids", f"system {stranger} is another autopilot; {ap.sysid} is flown", fix)
+        rival = authority.rival_words(now_s)
+        if rival:
+            yield Finding(Severity.ERROR, "ids", rival)
+        mode = f"{self.link.words.name(ap.custom_mode or 0)}, {'armed' if ap.armed else 'disarmed'}"
+        why_not = "" if rival else authority.why_not(now_s)
+        yield Finding(Severity.WARNING if why_not else Severity.OK, "mode", f"{mode}; {why_not}" if why_not else mode)
+        sensors = ap.sensors
+        if sensors is not None and sensors[0] & PREARM_CHECK and not sensors[2] & PREARM_CHECK and not ap.armed:
+            yield Finding(
+                Severity.WARNING,
+                "pre-arm",
+                "the autopilot refuses to arm",
+                "read its messages in the ground station: it says why",
+            )
+
+    def _streams(self, now_s: float) -> Iterator[Finding]:
+        watched_s = now_s - self._since_s
+        for group in self._vehicle.needs:
+            rates = {n: self._counts[by_name(n).msgid] / watched_s for n in group}
+            name = max(rates, key=lambda n: rates[n])
+            wanted_hz = self._vehicle.messages_hz.get(name, 1.0)
+            slow = rates[name] < SLOW_SHARE * wanted_hz
+            yield Finding(
+                Severity.WARNING if slow else Severity.OK,
+                "streams",
+                f"{name} at {rates[name]:.1f} Hz, {wanted_hz:g} asked for",
+                "raise the baud rate, and MAV_x_RATE of that port" if slow else "",
+            )
+
+    def _range(self, now_s: float) -> Iterator[Finding]:
+        rate_hz = self._accepted / (now_s - self._since_s)
+        counts, ranging = self.ranges.counts, self._config.ranging
+        if rate_hz >= LEAST_RANGE_HZ:
+            yield Finding(Severity.OK, "range", f"{rate_hz:.1f} Hz, {sum(counts.rejected.values())} rejected")
+        elif counts.accepted:
+            fix = f"the estimate is carried after {ranging.max_age_s:g} s without one: check the radio and its antennas"
+            yield Finding(Severity.WARNING, "range", f"only {rate_hz:.1f} Hz", fix)
+        elif self._decoys and self._decoys == sum(counts.rejected.values()):
+            yield Finding(
+                Severity.ERROR,
+                "range",
+                f"only the autopilot's own range finder or its echoes ({self._decoys}), never the beacon's",
+                "start the ranging radio; its sender must not be component 1, nor its orientation 25 (down)",
+            )
+        elif self.ranges.endpoint is not None:
+            yield Finding(Severity.ERROR, "range", self.ranges.why_none(self.ranges.endpoint))
+        elif counts.rejected:
+            reason = max(counts.rejected, key=lambda word: counts.rejected[word])
+            text = f"none can be used: most are {reason} ({counts.last_detail.get(reason, '')})"
+            yield Finding(Severity.ERROR, "range", text, "check the ranging section of the configuration")
+        else:
+            yield Finding(
+                Severity.ERROR,
+                "range",
+                f"no {ranging.source} is heard",
+                "start the ranging radio; check ranging.source",
+            )
+
+    def _loss(self) -> Iterator[Finding]:
+        """What the autopilot does if this app dies."""
+        words, parameters = self.link.words, self.link.parameters
+        for name in words.parameters:
+            if name not in parameters:
+                yield Finding(Severity.WARNING, name, "the autopilot did not say", "listen longer: --seconds 30")
+        loss_s = parameters.get(words.loss_parameter)
+        if loss_s is not None:
+            fine = 0.3 <= loss_s <= 2.0
+            text = f"the autopilot acts {loss_s:g} s after the last setpoint, and flies on with that one until then"
+            fix = "" if fine else f"set {words.loss_parameter} to 1"
+            yield Finding(Severity.OK if fine else Severity.WARNING, words.loss_parameter, text, fix)
+        action = parameters.get("COM_OBL_RC_ACT")
+        if action is not None:
+            without, with_rc, does = LOSS_ACTIONS.get(int(action), (Severity.WARNING, Severity.WARNING, "not known"))
+            severity = with_rc if self._has_rc else without
+            yield Finding(
+                severity, "COM_OBL_RC_ACT", f"{action:g}, if this app dies: {does}", SAFE_LOSS if severity else ""
+            )
+
+    @property
+    def _has_rc(self) -> bool:
+        sensors = self.link.autopilot.sensors
+        receiver = sensors is not None and bool(sensors[0] & sensors[1] & sensors[2] & RC_RECEIVER)
+        return receiver or self._sticks
+
+    def _pilot(self) -> Iterator[Finding]:
+        """How a pilot takes over, and what a lost RC does."""
+        parameters = self.link.parameters
+        if self._has_rc:
+            yield Finding(Severity.OK, "RC", "a receiver or joystick is heard")
+        else:
+            fix = "without sticks, only the ground station's mode switch takes the aircraft back"
+            yield Finding(Severity.WARNING, "RC", "no receiver, no joystick", fix)
+        override = parameters.get("COM_RC_OVERRIDE")
+        if override is not None:
+            ends = bool(int(override) & 2)
+            text = (
+                "moved sticks end Offboard" if ends else "moved sticks do NOT end Offboard, only the mode switch does"
+            )
+            fix = "" if ends else f"set COM_RC_OVERRIDE to {int(override) | 2}"
+            yield Finding(Severity.OK if ends else Severity.WARNING, "COM_RC_OVERRIDE", f"{override:g}: {text}", fix)
+        excepted = parameters.get("COM_RCL_EXCEPT")
+        if excepted is not None:
+            flies_on = bool(int(excepted) & 4)
+            text = "a lost RC does nothing in Offboard" if flies_on else "a lost RC ends Offboard (NAV_RCL_ACT)"
+            silent = flies_on and self._has_rc
+            fix = "out of RC range nobody can take over by stick: clear bit 2 (4), or mean it" if silent else ""
+            yield Finding(Severity.WARNING if silent else Severity.OK, "COM_RCL_EXCEPT", f"{excepted:g}: {text}", fix)
+
+    def _battery(self) -> Iterator[Finding]:
+        ap, least = self.link.autopilot, self._config.safety.battery_pct
+        if isnan(ap.battery_pct) and not ap.battery_alarm:
+            fix = "calibrate the power module; until then safety.battery_pct protects nothing"
+            yield Finding(Severity.WARNING, "battery", "the autopilot does not measure it", fix)
+        elif ap.battery_alarm or ap.battery_pct <= least:
+            text = f"{ap.battery_pct:.0f} %, handed back at {least:g} %"
+            yield Finding(Severity.ERROR, "battery", text, "charge it; safety.battery_pct is the limit")
+        else:
+            yield Finding(Severity.OK, "battery", f"{ap.battery_pct:.0f} %, {ap.battery_v:.1f} V")

@@ -1,0 +1,221 @@
+"""A dead or hung app is seen as silence, and comes back as a guest. Real processes, sockets and signals."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import pytest
+import yaml
+
+from circumnav_mav.runtime.systemd import Notifier
+from circumnav_mav.runtime.watchdog import NAP_S, Watchdog
+from sitl_stub import Stub
+from sitl_stub.server import Endpoint, Server
+from tests.lockstep import Peer, airborne
+from tests.trust.rules import OFFBOARD
+
+ROOT = Path(__file__).parents[2]
+SETPOINTS = {84, 82, 86}
+
+
+class Field:
+    """The stub on real sockets, and the app as a process. Everything that reaches the vehicle is noted."""
+
+    def __init__(self, directory: Path) -> None:
+        self.stub = Stub(airborne(80.0, seed=8, params={"COM_OBL_RC_ACT": 5}))
+        self.server = Server(self.stub, {"offboard": Endpoint(0, 0), "gcs": Endpoint(0, 0)})
+        self.pilot = Peer(self.stub)
+        self.setpoints_s: list[float] = []
+        self.modes_asked = 0
+        take = self.stub._take_frame
+
+        def note(link, raw):
+            msgid = int.from_bytes(raw[7:10], "little")
+            if link.name == "offboard" and msgid in SETPOINTS:
+                self.setpoints_s.append(self.stub.now_s)
+            if link.name == "offboard" and msgid == 76 and int.from_bytes(raw[38:40], "little") == 176:
+                self.modes_asked += 1
+            take(link, raw)
+
+        self.stub._take_frame = note
+        self.config = directory / "config.yaml"
+        link = f"udpout://127.0.0.1:{self.server.port('offboard')}"
+        settings = {"vehicle": {"link": link}, "record": {"directory": str(directory / "flights")}}
+        self.config.write_text(yaml.safe_dump(settings))
+        self.app: subprocess.Popen[bytes] | None = None
+        self.start()
+
+    def start(self) -> None:
+        command = [sys.executable, "-m", "tests.trust.app_that_hangs", "fly", str(self.config), "--wait", "0"]
+        environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+        self.app = subprocess.Popen(command, cwd=ROOT, env=environment, stdout=subprocess.DEVNULL)
+
+    def run(self, for_s: float, until=lambda: False) -> None:
+        end_s = self.stub.now_s + for_s
+        self.server.run(stop=lambda: self.stub.now_s >= end_s or until())
+
+    def engage(self) -> None:
+        self.run(60.0, until=lambda: len(self.setpoints_s) > 50)
+        self.pilot.mode(OFFBOARD)
+        self.run(2.0)
+        assert self.mode == "OFFBOARD"
+
+    @property
+    def mode(self) -> str:
+        return self.stub.truth().mode
+
+    def since(self, from_s: float) -> list[float]:
+        return [t for t in self.setpoints_s if t >= from_s]
+
+    def close(self) -> None:
+        assert self.app is not None
+        self.app.send_signal(signal.SIGCONT)
+        self.app.kill()
+        self.app.wait()
+        self.server.close()
+
+
+@pytest.fixture
+def field(tmp_path):
+    f = Field(tmp_path)
+    yield f
+    f.close()
+
+
+@pytest.mark.realtime
+@pytest.mark.parametrize(
+    "fault", ["killed", "stopped", "blocked with the GIL held", pytest.param("blocked", marks=pytest.mark.soak)]
+)
+def test_silence_failsafe_and_no_way_back_in(field, fault):
+    field.engage()
+    app = field.app
+    signals = {"killed": "SIGKILL", "stopped": "SIGSTOP", "blocked": "SIGUSR1"}
+    app.send_signal(getattr(signal, signals.get(fault, "SIGUSR2")))
+    began_s = field.stub.now_s
+    field.run(2.8)
+    assert field.since(began_s + 0.15) == [], "setpoints after the fault"
+    assert field.mode == "AUTO/LOITER"
+    if fault == "killed":
+        app.wait()
+        field.start()
+    elif fault == "stopped":
+        field.run(0.4)
+        app.send_signal(signal.SIGCONT)
+    field.run(5.0)
+    assert field.since(began_s + 0.15) == [], "the aircraft was taken back"
+    assert field.modes_asked == 0
+    assert field.mode == "AUTO/LOITER"
+    if fault == "blocked with the GIL held":
+        assert app.poll() is None, "the watchdog was held up too: the gap rule alone keeps the app silent"
+    elif fault == "blocked":
+        assert app.wait(timeout=30.0) == 1, "a hung app ends with an error, so that systemd starts it again"
+
+
+def listen(directory: Path, name: str = "notify") -> tuple[socket.socket, str]:
+    sock = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+    path = str(directory / name)
+    sock.bind(path)
+    sock.settimeout(10.0)
+    return sock, path
+
+
+def test_systemd_hears_readiness_beats_and_the_end(tmp_path):
+    sock, path = listen(tmp_path)
+    notifier = Notifier({"NOTIFY_SOCKET": path, "WATCHDOG_USEC": "2000000"})
+    notifier.tell("READY=1", "STATUS=listening")
+    beats = [0.02 * n for n in range(250)]  # 5 s of ticks
+    for wall_s in beats:
+        notifier.beat(wall_s)
+    notifier.close()
+    heard = [sock.recv(256).decode() for _ in range(7)]
+    assert heard == ["READY=1\nSTATUS=listening", *["WATCHDOG=1"] * 5, "STOPPING=1"]
+
+
+def test_a_loop_that_does_not_tick_feeds_nothing(tmp_path):
+    sock, path = listen(tmp_path)
+    notifier = Notifier({"NOTIFY_SOCKET": path, "WATCHDOG_USEC": "2000000"})
+    notifier.beat(0.0)
+    notifier.beat(3.0)  # a tick at last: one beat, none made up for
+    notifier.tell("STATUS=end")
+    assert [sock.recv(256).decode() for _ in range(3)] == ["WATCHDOG=1", "WATCHDOG=1", "STATUS=end"]
+
+
+@pytest.mark.parametrize(
+    "environment",
+    [
+        {},
+        {"NOTIFY_SOCKET": "/nowhere/at/all"},
+        {"NOTIFY_SOCKET": "@nobody-listens-here", "WATCHDOG_USEC": "rubbish"},
+        {"WATCHDOG_USEC": "1000000"},
+    ],
+)
+def test_without_systemd_nothing_happens(environment):
+    notifier = Notifier(environment)
+    notifier.tell("READY=1")
+    notifier.beat(1.0)
+    notifier.close()
+
+
+def test_beats_for_another_process_are_not_ours(tmp_path):
+    sock, path = listen(tmp_path)
+    notifier = Notifier({"NOTIFY_SOCKET": path, "WATCHDOG_USEC": "2000000", "WATCHDOG_PID": "1"})
+    notifier.beat(0.0)
+    notifier.tell("STATUS=end")
+    assert sock.recv(256) == b"STATUS=end"
+
+
+def test_an_abstract_socket_is_reached():
+    sock = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+    sock.bind(f"\0circumnav-test-{os.getpid()}")
+    sock.settimeout(10.0)
+    Notifier({"NOTIFY_SOCKET": f"@circumnav-test-{os.getpid()}"}).tell("READY=1")
+    assert sock.recv(256) == b"READY=1"
+
+
+def test_the_watchdog_closes_the_link_of_a_loop_that_does_not_tick():
+    closed = threading.Event()
+    dog = Watchdog(closed.set, within_s=3 * NAP_S)
+    dog.start()
+    assert closed.wait(30.0)
+    assert dog.fired
+    dog.stop()
+
+
+def test_the_watchdog_leaves_a_ticking_loop_alone():
+    """It is asked in its own thread, nap by nap: no clock decides."""
+    closed = threading.Event()
+    dog = Watchdog(closed.set, within_s=3 * NAP_S)
+    naps = 0
+
+    class Naps:
+        def wait(self, _timeout):
+            nonlocal naps
+            naps += 1
+            if naps % 3 == 0:
+                dog.beat()  # every third nap: just often enough
+            return naps > 100
+
+    dog._end = Naps()
+    dog._watch()
+    assert not closed.is_set() and not dog.fired
+
+
+@pytest.mark.skipif(shutil.which("systemd-analyze") is None, reason="systemd-analyze is not installed")
+def test_the_unit_file_is_one_that_systemd_takes():
+    unit = ROOT / "configs" / "circumnav.service"
+    done = subprocess.run(["systemd-analyze", "verify", str(unit)], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert "circumnav.service" not in done.stderr, done.stderr
+
+
+def test_the_unit_file_says_what_the_app_relies_on():
+    lines = (ROOT / "configs" / "circumnav.service").read_text().splitlines()
+    for line in ("Type=notify", "NotifyAccess=main", "WatchdogSec=2", "KillSignal=SIGINT", "Restart=on-failure"):
+        assert line in lines
