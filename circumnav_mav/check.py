@@ -34,6 +34,7 @@ def consequences(config: Config) -> Iterator[str]:
     orbit, ranging = config.orbit, config.ranging
     law, estimator = LAWS[config.law.name], ESTIMATORS[config.estimator.name]
     yield f"vehicle    {config.vehicle.kind} on {config.vehicle.link}, engage: {config.engage}"
+    yield f"it needs   {', '.join(' or '.join(group) for group in config.vehicle_class.needs)} from the autopilot"
     where = ranging.endpoint or "the vehicle's link"
     yield f"range      {ranging.source} on {where}"
     late = f"stale after {ranging.max_age_s:g} s, carried for {ranging.coast_s:g} s"

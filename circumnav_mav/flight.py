@@ -17,6 +17,7 @@ from circumnav_mav.config import Config, guidance_settings
 from circumnav_mav.guidance.computer import Decision, GuidanceComputer, Status
 from circumnav_mav.guidance.kernel import Motion
 from circumnav_mav.guidance.phases import ENGAGED, Phase
+from circumnav_mav.guidance.target import Target, latitude_longitude, locate
 from circumnav_mav.lookout import Lookout
 from circumnav_mav.mavlink.codec import Frame
 from circumnav_mav.mavlink.dialect import enums
@@ -34,6 +35,9 @@ VEHICLE, RANGING = "vehicle", "ranging"
 
 WARNING, INFO = 4, 6
 MOVING_M_S = 1.0
+MAP_S = 1.0
+"""A ground station takes the circle off its map three seconds after the last message."""
+PLACE_FRESH_S = 1.0
 TEXT_SEVERITY = {Phase.RELEASED: WARNING, Phase.RANGE_LOST: WARNING, Phase.BROKEN_OFF: WARNING}
 """MAV_SEVERITY of what a phase says; INFO for the others."""
 UNFIT_TOLD_AFTER_S = 4.0
@@ -57,6 +61,11 @@ class TickRecord(NamedTuple):
     speed_m_s: float
     speed_source: str
     height_m: float
+    target_east_m: float  # of the vehicle, estimated; NaN where the estimator or the heading is missing
+    target_north_m: float
+    target_sigma_m: float
+    drift_east_m_s: float  # wind minus the target's velocity
+    drift_north_m_s: float
     saturated: int
     rejected: int  # ranges rejected so far
     lateness_s: float
@@ -94,6 +103,10 @@ class Flight:
         self.rejected: Counter[str] = Counter()
         self.engaged_s = nan
         self.end_reason = ""
+        self.target = Target()
+        self.target_place: tuple[float, float] | None = None
+        """Latitude and longitude of the target [deg], while the autopilot has a position."""
+        self._map_next_s = nan
         self._newest_range_m = nan
         self._sent_rad_s = nan
         self._invited = False
@@ -188,6 +201,7 @@ class Flight:
                 self._frames.append(link.setpoint(*encoded, now_s))
                 self._sent_rad_s = decision.setpoint.turn_rate_rad_s
         self._invite(now_s)
+        self._show_target(now_s, decision)
         self._frames += link.poll(now_s) + link.read_parameters(now_s)
         self._tell_failures(now_s)
         self._tell_signing(now_s)
@@ -201,17 +215,19 @@ class Flight:
         if link == VEHICLE:
             self.link.authority.gap(now_s)
 
-    def link_back(self, link: str, now_s: float, words: str) -> list[bytes]:
-        """A link is open again; return what to send: on the vehicle's a request for the mode, and nothing else yet."""
+    def link_back(self, link: str, now_s: float, words: str) -> None:
+        """A link is open again. On the vehicle's the next tick asks for the mode, and sends no setpoint before it."""
         self._tell(now_s, f"{link} link: {words}", INFO)
         if link != VEHICLE:
-            return []
+            return
+        self._frames.clear()  # what was to be said over the link that broke
         request = self.link.reconnected(now_s)
-        return [request] if self.link.autopilot.sysid is not None else []
+        if self.link.autopilot.sysid is not None:
+            self._frames.append(request)
 
     def tell(self, now_s: float, text: str) -> None:
         """Let the operator read something that only the runtime knows."""
-        self._tell(now_s, text, 4)
+        self._tell(now_s, text, WARNING)
 
     def _look_out(self, now_s: float) -> None:
         """Walk the table of causes that end a flight."""
@@ -287,7 +303,10 @@ class Flight:
     def _invite(self, now_s: float) -> None:
         """Say once, while ready, that the pilot's choice of the mode is what it now takes."""
         streams = self._sent_rad_s == self._sent_rad_s
-        if self.computer.phase is Phase.READY and not self._invited and (streams or not self.words.stream_first):
+        by_itself = self._auto is not None and self._auto.step is not Step.LEFT_TO_PILOT
+        if self._invited or by_itself or self.computer.phase is not Phase.READY:
+            return
+        if streams or not self.words.stream_first:
             self._invited = True
             self._say(now_s, f"ready: {'streaming, ' if streams else ''}select {self.words.ours_name} to engage", INFO)
 
@@ -340,6 +359,20 @@ class Flight:
             self._signing_told = True
             self._tell(now_s, "the autopilot signs its messages: without vehicle.signing_key_file it obeys nothing", 4)
 
+    def _show_target(self, now_s: float, decision: Decision) -> None:
+        """Locate the target; once a second draw the orbit on the ground station's map, where it can be placed."""
+        computer, ap = self.computer, self.link.autopilot
+        self.target = locate(decision.estimate, computer.estimator.covariance())
+        self.target_place = None
+        if not self.target.known or not now_s - ap.position_s <= PLACE_FRESH_S:
+            return
+        self.target_place = latitude_longitude(ap.lat_deg, ap.lon_deg, self.target)
+        if decision.phase in ENGAGED and not now_s < self._map_next_s:
+            self._map_next_s = now_s + MAP_S
+            orbit = self._config.orbit
+            radius_m = orbit.radius_m if orbit.direction == "clockwise" else -orbit.radius_m
+            self._frames.append(self.link.orbit_on_map(now_s, radius_m, *self.target_place))
+
     def _motion(self, now_s: float) -> Motion:
         ap = self.link.autopilot
         turn_rate = ap.turn_rate_rad_s(now_s)
@@ -373,6 +406,7 @@ class Flight:
             ap.speed_m_s,
             decision.speed_source,
             self._height_m(now_s),
+            *self.target,
             int(decision.saturated),
             self.rejected.total(),
             lateness_s,

@@ -101,6 +101,8 @@ def _set_interval(stub: Stub, link: Link, p: Params) -> int:
         interval_s = 1.0 / rate if rate else -1.0
     if msgid == 436 and 0.0 < interval_s < MODE_LEAST_S:
         interval_s = MODE_LEAST_S
+    if interval_s > 0.0:
+        interval_s = max(interval_s, stub.config.step_s)  # PX4 too has a fastest rate
     link.set_interval(msgid, interval_s, stub.now_s)
     return ACCEPTED
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 
-from sitl_stub.kinematics import G, wrap
+from sitl_stub.kinematics import BODY_RATE_MAX, G, wrap
 
 LIFT_PER_RAD = 0.8642  # lift acceleration / (V^2 (alpha + ALPHA_0)), 1/m/rad
 ALPHA_0 = math.radians(5.515)  # angle of attack without lift is -ALPHA_0
@@ -57,7 +57,7 @@ class FixedWing:
         self.stalled = False
 
     def step_attitude(self, roll: float, pitch: float, thrust: float, wind_n: float, wind_e: float) -> None:
-        """Fly a bank, a pitch [rad] and a thrust (not clamped, as PX4 does not) for one step."""
+        """Fly a bank, a pitch [rad] and a thrust for one step; PX4 does not clamp the thrust, the motor ends at 1."""
         dt = self.dt_s
         new_roll = roll + (self.roll - roll) * self._roll_keep
         new_pitch = pitch + (self.pitch - pitch) * self._pitch_keep
@@ -67,9 +67,10 @@ class FixedWing:
 
     def step_rates(self, roll_rate: float, pitch_rate: float, thrust: float, wind_n: float, wind_e: float) -> None:
         """Fly body rates [rad/s] and thrust."""
-        self.roll_rate, self.pitch_rate = roll_rate, pitch_rate
-        self.roll = wrap(self.roll + roll_rate * self.dt_s)
-        self.pitch = max(-1.5, min(1.5, self.pitch + pitch_rate * self.dt_s))
+        self.roll_rate = min(max(roll_rate, -BODY_RATE_MAX), BODY_RATE_MAX)
+        self.pitch_rate = min(max(pitch_rate, -BODY_RATE_MAX), BODY_RATE_MAX)
+        self.roll = wrap(self.roll + self.roll_rate * self.dt_s)
+        self.pitch = max(-1.5, min(1.5, self.pitch + self.pitch_rate * self.dt_s))
         self._fly(thrust, wind_n, wind_e)
 
     def _fly(self, thrust: float, wind_n: float, wind_e: float) -> None:
@@ -86,7 +87,7 @@ class FixedWing:
         else:
             lift = LIFT_PER_RAD * v * v * (alpha + ALPHA_0)
         drag = PARASITE * v * v + INDUCED * lift * lift / (v * v)
-        push = max(0.0, self.thrust) * THRUST
+        push = min(max(self.thrust, 0.0), 1.0) * THRUST
         if self.h <= 0.0 and lift * math.cos(self.roll) + push * math.sin(max(0.0, self.pitch)) < G:
             self._roll_along(push, v, wind_n, wind_e)
             return

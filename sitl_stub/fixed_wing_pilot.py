@@ -22,6 +22,7 @@ CLIMB_GAIN_PER_S = 0.35
 CLIMB_MAX_M_S, SINK_MAX_M_S = 4.5, 3.0
 SPEED_GAIN = 0.08  # thrust per m/s
 TAKEOFF_PITCH, ROTATE_M_S, SPOOL_UP_S = math.radians(27.0), 7.0, 1.0
+LEAST_RADIUS_M = 20.0
 FAILURE_ROLL = math.radians(60.0)  # FD_FAIL_R
 
 
@@ -105,7 +106,7 @@ class FixedWingPilot:
             return self._towards(self._course, 0.0, self._height)
         if mode is Mode.LAND:
             self._height = max(-2.0, self._height - 1.5 * v.dt_s)
-        return self._circle(*self._centre, float(self.params["NAV_LOITER_RAD"]), self._height)
+        return self._circle(*self._centre, self._loiter_radius(), self._height)
 
     def _take_off(self, now_s: float) -> tuple[float, float, float]:
         v = self.vehicle
@@ -193,9 +194,12 @@ class FixedWingPilot:
             curvature = (s.vn * s.ae - s.ve * s.an) / speed**3
         return self._follow(Path(n, e, math.atan2(s.ve, s.vn), curvature), height_m)
 
+    def _loiter_radius(self) -> float:
+        return max(LEAST_RADIUS_M, float(self.params["NAV_LOITER_RAD"]))
+
     def _to_point(self, n: float, e: float, height_m: float) -> tuple[float, float, float]:
         v = self.vehicle
-        radius = float(self.params["NAV_LOITER_RAD"])
+        radius = self._loiter_radius()
         if math.hypot(n - v.n, e - v.e) < 1.5 * radius:
             return self._circle(n, e, radius, height_m)
         return self._towards(math.atan2(e - v.e, n - v.n), 0.0, height_m)

@@ -21,6 +21,8 @@ YAW_RATE_GAIN = 0.978  # steady yaw rate flown / asked (0.25 -> 0.244, 1.5 -> 1.
 CLIMB_TAU_S = 0.35
 TILT_TAU_S = 0.12
 YAW_RATE_MAX = math.radians(200.0)  # MC_YAWRATE_MAX
+BODY_RATE_MAX = math.radians(220.0)  # MC_ROLLRATE_MAX, MC_PITCHRATE_MAX
+AIRFRAME_MAX_M_S = 20.0  # what the airframe can do, whatever its parameters say
 DRAG_PER_S = 0.15  # SIH_KDV / mass: what the air's pull gives of acceleration per m/s of airspeed
 WIND_TAU_S = 2.5  # how fast the velocity loop's integrator takes up a change of wind
 
@@ -123,8 +125,12 @@ class Multirotor:
         self, roll_rate: float, pitch_rate: float, yaw_rate: float, thrust: float, wind_n: float, wind_e: float
     ) -> None:
         """Fly body rates [rad/s] and thrust: nothing levels the vehicle."""
-        self.roll_rate, self.pitch_rate = roll_rate, pitch_rate
-        self.roll, self.pitch = wrap(self.roll + roll_rate * self.dt_s), wrap(self.pitch + pitch_rate * self.dt_s)
+        self.roll_rate = min(max(roll_rate, -BODY_RATE_MAX), BODY_RATE_MAX)
+        self.pitch_rate = min(max(pitch_rate, -BODY_RATE_MAX), BODY_RATE_MAX)
+        self.roll, self.pitch = (
+            wrap(self.roll + self.roll_rate * self.dt_s),
+            wrap(self.pitch + self.pitch_rate * self.dt_s),
+        )
         self.thrust = thrust
         self._turn(yaw_rate)
         self._ballistic(wind_n, wind_e)
@@ -163,6 +169,8 @@ class Multirotor:
         self._move(old_n, old_e, old_u)
 
     def _turn(self, yaw_rate: float) -> None:
+        if not -YAW_RATE_MAX <= yaw_rate <= YAW_RATE_MAX:
+            yaw_rate = math.copysign(YAW_RATE_MAX, yaw_rate)
         lag = self._yaw_lag
         off = self.yaw_rate - yaw_rate
         before = self.yaw_rate

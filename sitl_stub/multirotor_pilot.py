@@ -6,7 +6,7 @@ import math
 import random
 
 from sitl_stub.commander import INFO_TEXT, Commander
-from sitl_stub.kinematics import YAW_RATE_GAIN, Multirotor
+from sitl_stub.kinematics import AIRFRAME_MAX_M_S, YAW_RATE_GAIN, Multirotor
 from sitl_stub.modes import Mode
 from sitl_stub.offboard import AttitudeTarget, RatesTarget, Setpoint, Trajectory
 from sitl_stub.params import Parameters
@@ -168,12 +168,14 @@ class MultirotorPilot:
         return self._climb_limited(float(self.params["MPC_Z_P"]) * (height_m - self.vehicle.h))
 
     def _climb_limited(self, climb_m_s: float) -> float:
-        down, up = -self.params["MPC_Z_VEL_MAX_DN"], self.params["MPC_Z_VEL_MAX_UP"]
+        down = max(-self.params["MPC_Z_VEL_MAX_DN"], -AIRFRAME_MAX_M_S)
+        up = min(self.params["MPC_Z_VEL_MAX_UP"], AIRFRAME_MAX_M_S)
         return down if climb_m_s < down else up if climb_m_s > up else climb_m_s
 
     def _descent(self) -> float:
         fast = self.vehicle.h > self.params["MPC_LAND_ALT1"]
-        return float(self.params["MPC_Z_VEL_MAX_DN" if fast else "MPC_LAND_SPEED"])
+        speed = float(self.params["MPC_Z_VEL_MAX_DN" if fast else "MPC_LAND_SPEED"])
+        return min(max(speed, 0.1), AIRFRAME_MAX_M_S)
 
     # -- stick modes ---------------------------------------------------------------------------------------------
 
@@ -256,5 +258,5 @@ class MultirotorPilot:
 
 
 def _limited(north: float, east: float, limit: float) -> tuple[float, float]:
-    size = math.hypot(north, east)
+    size, limit = math.hypot(north, east), min(max(limit, 0.0), AIRFRAME_MAX_M_S)
     return (north, east) if size <= limit else (north * limit / size, east * limit / size)

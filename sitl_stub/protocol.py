@@ -77,7 +77,8 @@ def _manual_control(stub: Stub, link: Link, message: Message) -> None:
     f, autopilot = message.fields, stub.autopilot
     if f.target not in (0, stub.config.system_id) or int(autopilot.params["COM_RC_IN_MODE"]) not in (1, 2, 3):
         return
-    forward, right, up, clockwise = f.x / 1000.0, f.y / 1000.0, (f.z - 500.0) / 500.0, f.r / 1000.0
+    values = (f.x / 1000.0, f.y / 1000.0, (f.z - 500.0) / 500.0, f.r / 1000.0)
+    forward, right, up, clockwise = (min(max(v, -1.0), 1.0) for v in values)
     threshold = float(autopilot.params["COM_RC_STICK_OV"]) / 100.0
     moved = max(abs(forward), abs(right), abs(clockwise)) > threshold
     autopilot.pilot.sticks = (forward, right, up, clockwise)
@@ -130,10 +131,14 @@ def _mission(stub: Stub, link: Link, message: Message) -> None:
         reply = missions.take(peer, tuple(f)[2:])
     elif message.msgid == 39:
         stored = tuple(f)[2:]
-        reply = missions.take(peer, (*stored[:9], round(f.x * 1e7), round(f.y * 1e7), *stored[11:]))
+        reply = missions.take(peer, (*stored[:9], _degrees_e7(f.x), _degrees_e7(f.y), *stored[11:]))
     stub.autopilot.commander.has_mission = missions.total() > 0
     if reply is not None:
         stub.send(link, *reply)
+
+
+def _degrees_e7(degrees: float) -> int:
+    return round(degrees * 1e7) if abs(degrees) <= 180.0 else 0
 
 
 def _file_transfer(stub: Stub, link: Link, message: Message) -> None:
@@ -155,7 +160,7 @@ def _distance_sensor(stub: Stub, link: Link, message: Message) -> None:
 
 def echoed_distance(d: Any) -> tuple[Any, ...]:
     """Return a DISTANCE_SENSOR as PX4 sends it back: through float32 metres and truncation (PX4.md, 7)."""
-    quality = 0 if d.signal_quality == 0 else max(1, 100 * (d.signal_quality - 1) // 99)
+    quality = 0 if d.signal_quality == 0 else min(max(100 * (d.signal_quality - 1) // 99, 1), 100)
     return (
         _through_metres(d.min_distance), _through_metres(d.max_distance), _through_metres(d.current_distance),
         d.type, d.orientation, int(_f32(_f32(d.covariance * _f32(1e-4)) * 1e4)), d.horizontal_fov, d.vertical_fov,

@@ -10,6 +10,7 @@ from collections.abc import Callable
 from math import floor
 from typing import TYPE_CHECKING, Any
 
+from sitl_stub.commander import UNINIT
 from sitl_stub.kinematics import G, wrap
 from sitl_stub.modes import AUTO_MODES, Mode, base_mode_of
 from sitl_stub.sensors import ZERO4
@@ -141,13 +142,16 @@ def extended_sys_state(a: Autopilot) -> tuple[Any, ...]:
     return 0, 1 if a.commander.landed else 2
 
 
+# As a PX4 on the ground that is ready shows them.
+SENSORS_PRESENT, SENSORS_ENABLED, SENSORS_HEALTHY = 33570863, 33636399, 320915519
+GPS_SENSOR, PREARM_CHECK = 0x20, 0x10000000
+
+
 def sys_status(a: Autopilot) -> tuple[Any, ...]:
-    # gyro, accelerometer, magnetometer, pressure, GPS, attitude and yaw control, battery, AHRS, pre-arm check
-    sensors = 0x1 | 0x2 | 0x4 | 0x8 | 0x20 | 0x800 | 0x1000 | 0x200000 | 0x2000000 | 0x10000000
-    healthy = sensors if a.commander.position_ok else sensors & ~0x20
-    if a.boot_us < a.commander.ready_s * 1e6:
-        healthy &= ~0x10000000
-    return sensors, sensors, healthy, 96, 16193, -100, 100, 0, 0, 0, 0, 0, 0, 0, 0, 0
+    healthy = SENSORS_HEALTHY if a.commander.position_ok else SENSORS_HEALTHY & ~GPS_SENSOR
+    if a.commander.system_status == UNINIT:
+        healthy &= ~PREARM_CHECK
+    return SENSORS_PRESENT, SENSORS_ENABLED, healthy, 96, 16193, -100, 100, 0, 0, 0, 0, 0, 0, 0, 0, 0
 
 
 def heartbeat(a: Autopilot) -> tuple[Any, ...]:

@@ -82,6 +82,7 @@ class Autopilot:
         self.height_m = nan
         """Above home, by the autopilot."""
         self.amsl_m = nan
+        self.lat_deg = self.lon_deg = self.position_s = nan
         self.hud_s = nan
         self.airspeed_m_s = nan
         """True airspeed: MAVLink's is calibrated, corrected here for the thinner air (ISA)."""
@@ -194,6 +195,8 @@ class Autopilot:
         self.height.take("LOCAL_POSITION_NED", -fields.z, now_s, on_ground=not self.armed)
 
     def _global_position(self, fields: Any, now_s: float) -> None:
+        self.lat_deg, self.lon_deg = fields.lat / 1e7, fields.lon / 1e7
+        self.position_s = now_s
         self.height_m = fields.relative_alt / 1000.0
         self.amsl_m = fields.alt / 1000.0
         self.height.take("GLOBAL_POSITION_INT", self.height_m, now_s, on_ground=not self.armed)

@@ -72,7 +72,8 @@ class AutoEngage:
     def _decide(self) -> bool:
         """The first sight of the vehicle decides, once and for all."""
         ap = self._link.autopilot
-        if ap.custom_mode is None or (ap.in_air is None and not ap.armed):
+        on_ground = ap.in_air is False or ap.system_status == STATUS_STANDBY
+        if ap.custom_mode is None or not (ap.armed or ap.in_air or on_ground):
             return False
         if ap.armed or ap.in_air or ap.custom_mode == self._link.words.ours:  # left over: a flight was cut short
             self.step = Step.LEFT_TO_PILOT

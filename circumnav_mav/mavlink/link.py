@@ -226,6 +226,18 @@ class AutopilotLink:
 
     _text_id: int = 0
 
+    def orbit_on_map(self, now_s: float, radius_m: float, lat_deg: float, lon_deg: float) -> bytes:
+        """Return ORBIT_EXECUTION_STATUS: ground stations draw the circle. radius_m: + clockwise."""
+        return self._packer.pack(
+            "ORBIT_EXECUTION_STATUS",
+            time_usec=int(now_s * 1e6),
+            radius=radius_m,
+            x=round(lat_deg * 1e7),
+            y=round(lon_deg * 1e7),
+            z=0.0 if isnan(self.autopilot.amsl_m) else self.autopilot.amsl_m,
+            frame=enums.MAV_FRAME_GLOBAL,
+        )
+
     def _heartbeat(self) -> bytes:
         return self._packer.pack(
             "HEARTBEAT",

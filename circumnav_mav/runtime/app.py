@@ -15,6 +15,7 @@ from circumnav_mav.config import Config
 from circumnav_mav.endpoint import parse
 from circumnav_mav.flight import RANGING, VEHICLE, Flight, TickRecord
 from circumnav_mav.guidance.phases import ENGAGED, Phase
+from circumnav_mav.guidance.target import describe, describe_drift
 from circumnav_mav.runtime.clock import Clock, run_on_grid
 from circumnav_mav.runtime.keyfile import open_signer
 from circumnav_mav.runtime.links import open_ranging_link, open_vehicle_link
@@ -135,7 +136,7 @@ class App:
     def _on_change(self, link: str, up: bool, words: str) -> None:
         now_s = self._clock.now()
         if up:
-            self._send(self.flight.link_back(link, now_s, words))
+            self.flight.link_back(link, now_s, words)
         else:
             self.flight.link_lost(link, now_s, words)
 
@@ -182,7 +183,7 @@ class App:
         if flight.end_reason and self._end_by_s == inf:
             self._end_by_s = now_s + END_WITHIN_S
         self._verdict = self._verdict or self._find_verdict(now_s, phase)
-        if now_s >= self._show_next_s:
+        if now_s >= self._show_next_s or self._verdict is not None or flight.done:
             self._show_next_s = now_s + self._clock.speed / REFRESH_HZ
             self._watch_drops(now_s)
             self._show_events()
@@ -260,6 +261,8 @@ class App:
             "speed_m_s": record.speed_m_s,
             "speed_source": record.speed_source,
             "height_m": record.height_m,
+            "target": describe(self.flight.target, self.flight.target_place),
+            "drift": describe_drift(self.flight.target),
             "sample_age_s": record.sample_age_s,
             "rejected": record.rejected,
             "lateness_ms": self._lateness_s * 1e3,

@@ -148,9 +148,14 @@ def draw(s: dict[str, Any], title: str, events: list[str]) -> Any:
     ]
     for row in rows:
         table.add_row(Text(row[0], style="dim"), row[1], Text(row[2], style="dim"), row[3])
+    if s["target"]:
+        places = [Text.assemble(("target from here  ", "dim"), s["target"])]
+        places += [Text.assemble(("drift             ", "dim"), s["drift"])] if s["drift"] else []
+    else:
+        places = []
     phase = s["phase"]
     head = Text.assemble((phase, f"bold {colour.get(phase, 'white')}"), "  ", s["waiting_for"] or s["reason"])
-    body = Group(head, Text(), table, Text(), *(Text(e, style="dim") for e in events[-5:]))
+    body = Group(head, Text(), table, *places, Text(), *(Text(e, style="dim") for e in events[-5:]))
     return Panel(body, title=f"{title}  {s['t_s']:.1f} s", width=86)
 
 

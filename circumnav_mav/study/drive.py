@@ -65,7 +65,7 @@ def drive(
     law_par: Any,
     trace: Floats,
 ) -> Outcome:
-    """Fly one run. `trace` (steps x 8, or empty) takes t, x, y, tx, ty, r estimated, r, u of every step.
+    """Fly one run. `trace` (steps x 8, or empty) takes t, x, y, tx, ty, r estimated, heading and u of every step.
 
     Before the estimate is known the vehicle flies straight on.
     """
@@ -108,7 +108,7 @@ def drive(
             est = CARRY(bank, mem, between(anchor, place, motion), est_par)
             u, r_est = limited(LAW(est, law_par), plant), est.r
         if traced:
-            trace[n, :] = (t, world.x, world.y, world.tx, world.ty, r_est, world.psi, u)
+            note(trace, n, world, r_est, u)
         world = fly(world, u, plant, gust_x[n] if gusty else 0.0, gust_y[n] if gusty else 0.0)
         e = hypot(world.x - world.tx, world.y - world.ty) - setup.r_a
         least = min(least, e + setup.r_a)
@@ -122,6 +122,18 @@ def drive(
     if settle == world.t:
         settle = nan
     return Outcome(ms / tail, bias / tail, u2 / tail, settle, least, restarts, refused)
+
+
+def note(trace: Floats, n: int, world: World, r_est: float, u: float) -> None:
+    """Write a step down. One element at a time: a whole row costs the compiler seconds."""
+    trace[n, 0] = world.t
+    trace[n, 1] = world.x
+    trace[n, 2] = world.y
+    trace[n, 3] = world.tx
+    trace[n, 4] = world.ty
+    trace[n, 5] = r_est
+    trace[n, 6] = world.psi
+    trace[n, 7] = u
 
 
 def missing(t: float, gaps: Floats) -> bool:

@@ -104,13 +104,16 @@ def simulate(
     """
     workers = workers or len(os.sched_getaffinity(0))
     outcomes: list[Any] = _chunk(scenario, pilot, seed, 0, min(1, runs))  # compiles before the workers start
+    if progress:
+        progress(len(outcomes))
     chunks = [(first, min(first + CHUNK, runs)) for first in range(1, runs, CHUNK)]
     with _pool(workers) as pool:
         futures = [pool.submit(_chunk, scenario, pilot, seed, *chunk) for chunk in chunks]
         for future in futures:
-            outcomes += future.result()
+            flown = future.result()
+            outcomes += flown
             if progress:
-                progress(CHUNK)
+                progress(len(flown))
     dtype = [(name, float) for name in drive.Outcome._fields]
     return np.array([tuple(outcome) for outcome in outcomes], dtype=dtype)
 

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 from matplotlib.figure import Figure
+from matplotlib.ticker import ScalarFormatter
 
 from circumnav_mav.study.tune import Gains, Score, Tuned, pareto
 
@@ -48,8 +49,10 @@ def yaml_text(original: str, tuned: Tuned, seed: int) -> str:
     text = replaced(text, "estimator", section("estimator", best.estimator, best.estimator_options))
     heading = (
         f"# Gains found by `circumnav tune` (seed {seed}) for {a.V_m_s:g} m/s on {a.r_a_m:g} m: turn rate up to "
-        f"{a.turn_rate_limit_rad_s:.3g} rad/s with {a.lag_s:g} s of lag,\n# range noise {a.sigma_r_m:g} m at "
-        f"{a.range_rate_hz:g} Hz, wind up to {a.wind_m_s:g} m/s. On {tuned.fresh_runs} fresh runs in each wind:\n"
+        f"{a.turn_rate_limit_rad_s:.3g} rad/s with {a.lag_s:.3g} s of lag,\n"
+        f"# range noise {a.sigma_r_m:.3g} m at {a.range_rate_hz:.3g} Hz, wind up to {a.wind_m_s:.3g} m/s.\n"
+        f"# On {tuned.fresh_runs} fresh runs each in calm, in half the wind with the speed believed 5 % high, and in "
+        "all of the wind:\n"
     )
     return heading + "".join(f"#   {line}\n" for line in lines(tuned)) + "\n" + text
 
@@ -63,12 +66,12 @@ def lines(tuned: Tuned) -> Iterator[str]:
         return
     ratio = tuned.before.rms_worst_m / tuned.after.rms_worst_m
     effort = tuned.after.effort / tuned.before.effort - 1.0
-    yield f"the error in the worst wind is {ratio:.3g} times smaller, at {effort:+.1%} of effort"
+    yield f"the worst error is {ratio:.3g} times smaller, at {effort:+.1%} of effort"
 
 
 def _told(gains: Gains, score: Score) -> str:
     return (
-        f"{gains.pair}: rms {score.rms_worst_m:.3g} m in the worst wind, {score.rms_calm_m:.3g} m in calm, "
+        f"{gains.pair}: rms {score.rms_worst_m:.3g} m at worst, {score.rms_calm_m:.3g} m in calm, "
         f"effort {score.effort:.3g}, settled after {score.settle_s:.0f} s, {score.lost:.1%} lost"
     )
 
@@ -84,8 +87,12 @@ def draw(tuned: Tuned, file: Path) -> None:
     axes.plot([s.effort for _, s in front], [s.rms_worst_m for _, s in front], "k-", lw=1, label="Pareto front")
     for label, score, marker in (("present", tuned.before, "rs"), ("tuned", tuned.after, "g*")):
         axes.plot([score.effort], [score.rms_worst_m], marker, ms=9, label=f"{label}, on fresh noise")
-    axes.set(xscale="log", yscale="log", xlabel="mean u² over (V / r_a)²", ylabel="rms error in the worst wind [m]")
+    axes.set(
+        xscale="log", yscale="log", xlabel="mean u² over (V / r_a)²", ylabel="rms error in the worst situation [m]"
+    )
     axes.set_title(f"{len(tuned.flown)} candidates for {tuned.aircraft.V_m_s:g} m/s on {tuned.aircraft.r_a_m:g} m")
+    axes.xaxis.set_major_formatter(ScalarFormatter())
+    axes.xaxis.set_minor_formatter(ScalarFormatter())
     axes.grid(alpha=0.3, which="both")
     axes.legend(fontsize=7)
     figure.savefig(file, dpi=120)

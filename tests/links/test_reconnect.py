@@ -35,7 +35,7 @@ class BreakableRig(Rig):
     def mend_link(self) -> float:
         self.stub.take(OFFBOARD_LINK)  # what the vehicle said meanwhile is gone with the old link
         self.cut = False
-        self.send(self.flight.link_back(VEHICLE, self.now_s, "open again"))
+        self.flight.link_back(VEHICLE, self.now_s, "open again")
         return self.now_s
 
     def shown_mode_s(self, after_s: float, mode: int) -> float:
@@ -120,9 +120,13 @@ def test_a_lost_ranging_link_stops_nothing_by_itself():
     at_s = rig.now_s
     rig.run(1.0)
     assert len(rig.log.sent(at_s)) > 40
-    assert rig.flight.link_back(RANGING, rig.now_s, "open again") == []
+    rig.flight.link_back(RANGING, rig.now_s, "open again")
+    assert commands(rig, at_s, REQUEST_MESSAGE) == []
 
 
 def test_before_any_autopilot_is_known_a_caller_gets_no_command():
     rig = BreakableRig(config(), airborne())
-    assert rig.flight.link_back(VEHICLE, 0.0, "127.0.0.1 has called") == []
+    rig.flight.link_back(VEHICLE, 0.0, "127.0.0.1 has called")
+    assert [m.get_type() for _, m in rig.decoded()] == []
+    rig.step()
+    assert {m.get_type() for _, m in rig.decoded()} == {"HEARTBEAT"}

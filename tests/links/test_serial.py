@@ -211,7 +211,7 @@ def test_a_wrong_baud_rate_is_told_from_mavlink(read_baud):
                     rollspeed=draw.random(), pitchspeed=draw.random(), yawspeed=draw.random())
         for i in range(60)
     )  # fmt: skip
-    splitter = Splitter()
+    splitter = Splitter(["HEARTBEAT", "ATTITUDE"])
     noise = uart(stream, 57_600, read_baud, draw.random())
     for at in range(0, len(noise), 7):
         splitter.feed(noise[at : at + 7], whole=False)

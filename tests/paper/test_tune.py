@@ -31,9 +31,10 @@ def tuned():
 
 def test_the_aircraft_is_that_of_the_configuration():
     assert (AIRCRAFT.V_m_s, AIRCRAFT.r_a_m, AIRCRAFT.turn_rate_limit_rad_s, AIRCRAFT.sigma_r_m) == (5.0, 20.0, 1.0, 1.0)
-    calm, _, windy = AIRCRAFT.scenarios()
+    calm, half, windy = AIRCRAFT.scenarios()
     assert (calm.wind_m_s, windy.wind_m_s, calm.range_every) == (0.0, 1.0, 4)
-    assert len(replace(AIRCRAFT, wind_m_s=0.0).scenarios()) == 1
+    assert (half.wind_m_s, half.believed_speed) == (0.5, 1.05)
+    assert Aircraft.of(CONFIG).wind_m_s == 1.0  # a fifth of the speed
     with pytest.raises(ValueError, match="wind"):
         Aircraft.of(CONFIG, wind_m_s=5.0, range_rate_hz=5.0)
     with pytest.raises(ValueError, match="rate"):
@@ -104,7 +105,7 @@ def test_a_score_punishes_effort_beyond_the_present_and_lost_runs():
     assert good._replace(effort=1.2).value(1.0) > good._replace(effort=1.2).value(1.3) > good.value(1.3)
     assert good._replace(effort=0.0).value(1.0) == good.value(1.0)
     assert good._replace(lost=0.1).value(1.0) > good.value(1.0) + 0.9
-    assert math.isclose(good.value(1.0), 0.7 * math.log(2.0) + 0.2 * math.log(51.0))
+    assert math.isclose(good.value(1.0), 0.7 * math.log(2.0) + 0.5 * math.log(51.0))
 
 
 def test_the_plot_is_drawn(tuned, tmp_path):

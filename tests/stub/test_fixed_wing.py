@@ -342,3 +342,61 @@ def test_modes_come_back_to_hold() -> None:
     rig = offboard(lambda r: lambda _: r.attitude(0.0, 0.0, 0.0, 0.85))
     assert rig.set_mode(HOLD) == [0, 0]
     assert rig.set_mode(OFFBOARD) == [0, 0]
+
+
+def recipe(rig: Rig, roll: float, airspeed: float = 12.0, height: float = 97.0) -> Callable[[float], Any]:
+    """Return the companion's loop that was measured (PX4.md, 5.1): pitch closes the climb rate, thrust the airspeed."""
+    state = {"pitch": 0.0, "thrust": 0.0, "t": rig.now_s}
+
+    def setpoint(now_s: float) -> Any:
+        dt, state["t"] = now_s - state["t"], now_s
+        truth = rig.stub.truth()
+        wanted = max(-2.0, min(2.0, 0.35 * (height - truth.height_m)))
+        climb_error, speed_error = wanted - truth.climb_m_s, airspeed - truth.airspeed_m_s
+        state["pitch"] += 0.02 * climb_error * dt
+        state["thrust"] += 0.02 * speed_error * dt
+        steep = 1.0 / math.cos(roll) - 1.0
+        pitch = math.radians(-1.0) + 0.06 * climb_error + state["pitch"] + 0.25 * steep
+        thrust = 0.84 + 0.06 * speed_error + state["thrust"] + 0.04 * wanted + 0.3 * steep
+        return rig.attitude(roll, pitch, 0.0, thrust)
+
+    return setpoint
+
+
+@pytest.mark.parametrize("roll_deg", [10, 20, -20, 30, 40])
+def test_5_1_the_measured_recipe_holds_height_and_airspeed(roll_deg: float) -> None:
+    """Roll 20 deg for 60 s: 12.01 m/s, +0.5 m in 55 s; the others within +-2 m. Turn rate within 5 % of g tan / V."""
+    roll = math.radians(roll_deg)
+    rig = airplane(height_m=97.0)
+    rig.stream_period_s = 0.02
+    rig.enter_offboard(recipe(rig, roll))
+    rig.run(10.0)
+    heights = []
+    for _ in range(45):
+        rig.run(1.0)
+        heights.append(rig.stub.truth().height_m)
+    assert max(heights) - min(heights) < 4.0
+    speed = rig.stub.truth().airspeed_m_s
+    assert speed == pytest.approx(12.0, abs=0.2)
+    assert turn_rate(rig, 10.0) == pytest.approx(G * math.tan(roll) / speed, rel=0.055)
+
+
+def test_5_2_own_projection_and_velocity_follow_the_line() -> None:
+    rig = airplane()
+
+    def setpoint(_: float) -> Any:
+        v = rig.stub.autopilot.vehicle
+        return rig.local(frame=1, mask=0b111111000000, place=(v.n, 0.0, -100.0), velocity=(12.0, 0.0, 0.0))
+
+    rig.enter_offboard(setpoint)
+    rig.run(30.0)
+    for _ in range(20):
+        rig.run(1.0)
+        assert abs(rig.stub.truth().east_m) < 1.0
+
+
+def test_5_2b_negative_thrust_is_a_stopped_motor() -> None:
+    rig = offboard(lambda r: lambda _: r.attitude(0.0, math.radians(-1.0), 0.0, -0.5))
+    rig.run(8.0)
+    assert rig.mode == "OFFBOARD"
+    assert rig.stub.truth().climb_m_s < -2.0

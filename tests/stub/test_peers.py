@@ -183,7 +183,7 @@ def mavproxy() -> str:
 def test_mavproxy_connects_fetches_parameters_arms_and_takes_off(sitl: Any, tmp_path: Path) -> None:
     vehicle = sitl(params={"MIS_TAKEOFF_ALT": 4.0})
     command = [
-        mavproxy(), f"--master=udpin:127.0.0.1:{vehicle.gcs_port}", "--non-interactive", "--streamrate=-1",
+        mavproxy(), f"--master=udpin:127.0.0.1:{vehicle.gcs_port}", "--streamrate=-1",
         f"--state-basedir={tmp_path}", "--aircraft=stub", "--force-connected",
     ]  # fmt: skip
     if command[0].endswith(".py") and not os.access(command[0], os.X_OK):

@@ -29,6 +29,7 @@ def stub_command(*arguments: str, port: int | None = None) -> list[str]:
 
 
 @pytest.mark.realtime
+@pytest.mark.soak
 def test_truth_file_and_duration(tmp_path: Path) -> None:
     """At 20 times the speed: 20 flight seconds in a good second, 20 rows a flight second, then a clean end."""
     path = tmp_path / "truth.csv"
@@ -49,7 +50,7 @@ def test_truth_file_and_duration(tmp_path: Path) -> None:
 
 
 @pytest.mark.realtime
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [pytest.param(signal.SIGINT, marks=pytest.mark.soak), signal.SIGTERM])
 def test_it_is_ready_soon_and_ends_cleanly_on_a_signal(number: int) -> None:
     port = free_port()
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as companion:
@@ -124,6 +125,7 @@ def test_the_lockstep_fixture(sitl_lockstep: Any) -> None:
 
 
 @pytest.mark.realtime
+@pytest.mark.soak
 def test_the_clock_follows_the_factor_and_never_jumps() -> None:
     """Flight time / wall time is the factor, and nothing runs faster than twice the pace after a stall."""
     with running(StubConfig(start_height_m=10.0), speed=8.0) as vehicle:

@@ -89,12 +89,19 @@ def field(tmp_path, library):
     f.close()
 
 
-PYMAVLINK = [("pymavlink", fault) for fault in ("killed", "stopped", "blocked", "blocked with the GIL held")]
-MAVSDK = [("mavsdk", fault) for fault in ("killed", "stopped", "blocked with the GIL held")]
+FAULTS = [
+    ("pymavlink", "killed"),
+    ("pymavlink", "stopped"),
+    ("pymavlink", "blocked with the GIL held"),
+    ("mavsdk", "stopped"),
+    pytest.param("pymavlink", "blocked", marks=pytest.mark.soak),
+    pytest.param("mavsdk", "killed", marks=pytest.mark.soak),
+    pytest.param("mavsdk", "blocked with the GIL held", marks=pytest.mark.soak),
+]
 
 
 @pytest.mark.realtime
-@pytest.mark.parametrize(("library", "fault"), PYMAVLINK + MAVSDK)
+@pytest.mark.parametrize(("library", "fault"), FAULTS)
 def test_silence_failsafe_and_no_way_back_in(field, library, fault):
     """The last setpoint leaves within a period (pymavlink) or 200 ms (MAVSDK, which would go on for ever by itself)."""
     field.engage()

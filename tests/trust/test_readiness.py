@@ -213,6 +213,7 @@ def test_the_table_is_sorted_by_severity_fits_the_terminal_and_sums_up():
 
 
 @pytest.mark.realtime
+@pytest.mark.soak
 @pytest.mark.parametrize(("params", "code", "words"), [({}, 1, "not ready"), (SAFE, 4, "can fly")])
 def test_the_command_says_it_and_its_exit_code_tells_how_grave_it_is(tmp_path, params, code, words):
     stub = Stub(airborne(80.0, params=params))

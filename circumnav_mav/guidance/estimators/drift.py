@@ -29,14 +29,12 @@ from circumnav_mav.guidance.kernel import (
 RING = 16
 """Gaussians over the bearing at the start."""
 
-
 SPLIT = 0.16
 """A hypothesis longer across the line of sight than this share of the range is cut."""
 
-
 STIRS = (1.0, 30.0, 900.0)
-"""Calm, gusty, wild: how many times the usual noise drives the drift. Once the ring is gone, one of each is flown, and
-the readings say which it is."""
+"""Calm, gusty, wild: how many times the usual noise drives drift and scale. Once the ring is gone, one of each is
+flown, and the readings say which it is."""
 
 
 class Parameters(NamedTuple):
@@ -77,7 +75,7 @@ class Drift(NamedTuple):
     vv: float
     vs: float
     ss: float
-    stir: float  # how many times the usual noise drives w
+    stir: float  # how many times the usual noise drives w and s
     log_weight: float
 
 
@@ -108,7 +106,7 @@ def predict(h: Drift, dx: float, dy: float, dt: float, par: Parameters) -> Drift
         us,
         vv + q,
         vs,
-        ss + par.q_s * dt,
+        ss + stir * par.q_s * dt,
         stir,
         log_weight,
     )

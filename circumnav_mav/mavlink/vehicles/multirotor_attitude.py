@@ -61,7 +61,7 @@ class Attitude:
     def encode(self, setpoint: TurnRateSetpoint, state: VehicleState, now_s: float) -> Encoded | None:
         """Return SET_ATTITUDE_TARGET, mask 3; None without an attitude to put into it."""
         sp = checked(setpoint, self._limits)
-        if isnan(state.yaw_rad):
+        if isnan(state.roll_rad + state.pitch_rad + state.yaw_rad):
             return None
         dt = 0.0 if isnan(self._last_s) else within(now_s - self._last_s, 0.0, 0.2)
         self._last_s = now_s

@@ -110,7 +110,7 @@ class Bank:
         """Return SET_ATTITUDE_TARGET, mask 7; None without an attitude to judge by."""
         o = self._options
         sp = checked(setpoint, o.limits)
-        if isnan(state.roll_rad):
+        if isnan(state.roll_rad + state.pitch_rad + state.yaw_rad):
             return None
         dt = 0.0 if isnan(self._last_s) else within(now_s - self._last_s, 0.0, 0.2)
         self._last_s = now_s

@@ -45,7 +45,7 @@ class CurvedPath:
     def encode(self, setpoint: TurnRateSetpoint, state: VehicleState, now_s: float) -> Encoded | None:
         """Return SET_POSITION_TARGET_LOCAL_NED, frame LOCAL_NED, mask 3072; None without a place and a course."""
         sp = checked(setpoint, self._limits)
-        if isnan(state.north_m + state.course_rad + state.speed_m_s):
+        if isnan(state.north_m + state.east_m + state.down_m + state.course_rad + state.speed_m_s):
             return None
         v = max(SLOWEST_M_S, state.speed_m_s)
         most = self._lateral_m_s2 / v  # over the ground: downwind the same turn rate takes a steeper bank

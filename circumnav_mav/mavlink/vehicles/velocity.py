@@ -49,11 +49,16 @@ class Velocity:
         yaw_rate = yaw_rate_rad_s(sp.turn_rate_rad_s)
         ahead = self._lead_s * yaw_rate
         forward, right = sp.speed_m_s * cos(ahead), sp.speed_m_s * sin(ahead)
-        return body_velocity(sp.t_s, forward, right, -self._climb(sp.height_m, state.height_m), yaw_rate)
+        down = -self._climb(sp.height_m, state.height_m)
+        return body_velocity(sp.t_s, forward, right, down, yaw_rate * self._per_heading(state))
 
     def engaged(self, state: VehicleState, height_m: float) -> list[Command]:
         """Nothing but setpoints."""
         return []
+
+    def _per_heading(self, state: VehicleState) -> float:
+        """Return the yaw rate to ask for per turn rate of the heading."""
+        return 1.0
 
     def _climb(self, wanted_m: float, height_m: float) -> float:
         if isnan(wanted_m) or isnan(height_m):
@@ -65,12 +70,9 @@ class Velocity:
 class ArduCopterVelocity(Velocity):
     """ArduCopter turns about its tilted thrust axis: the heading turns faster by 1 / (cos roll cos pitch), measured."""
 
-    def encode(self, setpoint: TurnRateSetpoint, state: VehicleState, now_s: float) -> Encoded | None:
-        """Return the same message with the yaw rate for the present tilt."""
-        encoded = super().encode(setpoint, state, now_s)
-        if encoded is not None and not isnan(state.roll_rad):
-            encoded[1]["yaw_rate"] *= cos(state.roll_rad) * cos(state.pitch_rad)
-        return encoded
+    def _per_heading(self, state: VehicleState) -> float:
+        level = cos(state.roll_rad) * cos(state.pitch_rad)
+        return 1.0 if isnan(level) else level
 
 
 class RoverVelocity(Velocity):

@@ -1,0 +1,62 @@
+"""Where the estimate puts the target: for the map, the record and the ground station. Pure."""
+
+from __future__ import annotations
+
+from math import cos, degrees, isfinite, nan, radians, sqrt
+from typing import NamedTuple
+
+from circumnav_mav.guidance.kernel import Estimate
+
+EARTH_RADIUS_M = 6371000.0
+POLAR, DRIFT = 3, 7
+"""Lengths of the estimators' covariances: (rr, r theta, theta theta) and (rr, xx, xy, yy, uu, vv, ss)."""
+
+
+class Target(NamedTuple):
+    """The target beside the vehicle. NaN where the estimator cannot tell."""
+
+    east_m: float = nan
+    north_m: float = nan
+    sigma_m: float = nan  # root of the sum of both variances
+    drift_east_m_s: float = nan  # wind minus the target's own velocity
+    drift_north_m_s: float = nan
+
+    @property
+    def known(self) -> bool:
+        """Whether there is a place to show."""
+        return isfinite(self.east_m) and isfinite(self.north_m)
+
+
+def locate(estimate: Estimate | None, covariance: tuple[float, ...]) -> Target:
+    """Return the target of an estimate with its uncertainty. covariance: of the estimator that made it."""
+    if estimate is None:
+        return Target()
+    sigma = nan
+    if len(covariance) == DRIFT:
+        sigma = sqrt(max(0.0, covariance[1] + covariance[3]))
+    elif len(covariance) == POLAR:
+        sigma = sqrt(max(0.0, covariance[0] + estimate.r**2 * covariance[2]))
+    return Target(estimate.px, estimate.py, sigma, estimate.wx, estimate.wy)
+
+
+def latitude_longitude(lat_deg: float, lon_deg: float, target: Target) -> tuple[float, float]:
+    """Return the target's latitude and longitude [deg] from the vehicle's (flat Earth: good to a metre at 10 km)."""
+    lat = lat_deg + degrees(target.north_m / EARTH_RADIUS_M)
+    return lat, lon_deg + degrees(target.east_m / (EARTH_RADIUS_M * cos(radians(lat_deg))))
+
+
+def describe(target: Target, place: tuple[float, float] | None) -> str:
+    """Return where the target is, for people; empty while that is not known."""
+    if not target.known:
+        return ""
+    words = f"{target.east_m:+.0f} m east, {target.north_m:+.0f} m north"
+    if isfinite(target.sigma_m):
+        words += f" ± {target.sigma_m:.1f} m"
+    return words if place is None else f"{words} ({place[0]:.6f}, {place[1]:.6f})"
+
+
+def describe_drift(target: Target) -> str:
+    """Return the drift, for people; empty while it is not known."""
+    if not (isfinite(target.drift_east_m_s) and isfinite(target.drift_north_m_s)):
+        return ""
+    return f"{target.drift_east_m_s:+.1f} m/s east, {target.drift_north_m_s:+.1f} m/s north"

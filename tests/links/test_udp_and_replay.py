@@ -1,0 +1,78 @@
+"""UDP over loopback, and recorded ranges at their own pace."""
+
+from __future__ import annotations
+
+import socket
+
+import pytest
+
+from circumnav_mav.endpoint import parse
+from circumnav_mav.ranging import replay
+from circumnav_mav.runtime.links import open_link
+from circumnav_mav.runtime.transport import LinkError
+from circumnav_mav.types import RangeSample
+from tests.links.fake_loop import PATIENCE_S, Wire
+
+
+@pytest.fixture
+def peer():
+    made = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    made.bind(("127.0.0.1", 0))
+    made.settimeout(PATIENCE_S)
+    yield made
+    made.close()
+
+
+def test_a_listening_link_answers_whoever_spoke_last(peer):
+    wire = Wire(open_link(parse("udpin://127.0.0.1:0")))
+    wire.link.send(b"nobody yet")
+    for text in (b"one", b"two"):
+        peer.sendto(text, ("127.0.0.1", wire.link.port))
+    wire.loop.until(lambda: wire.data == b"onetwo")
+    wire.link.send(b"answer")
+    assert peer.recv(100) == b"answer"
+    assert wire.link.whole and wire.changes == []
+    wire.link.close()
+    wire.link.close()
+    assert wire.loop.readers == {}
+
+
+def test_a_calling_link_speaks_first_and_outlives_a_peer_that_is_not_there(peer):
+    port = peer.getsockname()[1]
+    wire = Wire(open_link(parse(f"udpout:127.0.0.1:{port}")))
+    wire.link.send(b"hello")
+    data, source = peer.recvfrom(100)
+    assert data == b"hello"
+    peer.sendto(b"back", source)
+    wire.loop.until(lambda: wire.data == b"back")
+    peer.close()
+    for _ in range(3):
+        wire.link.send(b"gone")  # refused by the system, later: no reason to stop
+        wire.link.drain()
+    assert wire.changes == []
+    wire.link.close()
+
+
+def test_a_port_in_use_is_said(peer):
+    with pytest.raises(LinkError, match="the port is in use"):
+        open_link(parse(f"udpin://127.0.0.1:{peer.getsockname()[1]}"))
+
+
+def test_recorded_ranges_come_when_they_are_due_and_then_the_link_ends(tmp_path):
+    path = tmp_path / "ranges.csv"
+    samples = [RangeSample(50.0 + 0.25 * i, 100.0 + i) for i in range(5)]
+    path.write_text("\n".join([replay.HEADER, *map(replay.row, samples)]) + "\n")
+    wire = Wire(open_link(parse(f"file://{path}")))
+    seen = []
+    for _ in range(10):
+        seen.append(sum(line[:1].isdigit() for line in wire.data.decode().splitlines()))
+        assert wire.changes == [] or seen[-1] == 5
+        wire.loop.advance(0.125)
+    assert seen == [1, 1, 2, 2, 3, 3, 4, 4, 5, 5]
+    assert wire.ups == [False] and "the recording is over" in wire.changes[0][1]
+    wire.link.close()
+
+
+def test_a_recording_that_is_not_there_is_said(tmp_path):
+    with pytest.raises(LinkError, match=r"nowhere\.csv: cannot read it: No such file"):
+        open_link(parse(f"file://{tmp_path}/nowhere.csv"))

@@ -1,0 +1,133 @@
+"""The rows of `circumnav compare`: quick samples always, 1,000 runs a row in the soak."""
+
+import json
+import math
+import os
+
+import numpy as np
+import pytest
+
+from circumnav_mav.study import compare
+from circumnav_mav.study.noise import draw
+from circumnav_mav.study.scenarios import SCENARIOS
+from circumnav_mav.study.simulate import Pilot, simulate
+
+SEED = int(os.environ.get("SOAK_SEED", "1"))
+RUNS = max(20, int(1000 * float(os.environ.get("SOAK_SHARE", "1"))))
+P_ROWS = ("P_calm", "P_wind25", "P_wind50", "P_moving")
+R_ROWS = {
+    "R_wind5": 0.6,
+    "R_wind7": 0.6,
+    "R_moving": 0.6,
+    "R_outliers": 0.6,
+    "R_dropout": 0.6,
+    "R_lag1": 0.6,
+    "R_airspeed_high": 0.8,
+    "R_airspeed_low": 0.8,
+    "R_sigma5": 1.2,
+    "R_1Hz": 1.5,
+    "R_2Hz_sigma5": 3.0,
+}
+KEEPS_OFF = ("R_wind5", "R_wind7", "R_moving", "R_outliers", "R_dropout", "R_lag1")
+
+
+def check_row(name, runs, seed):
+    (row,) = compare.compare([name], runs=runs, seed=seed)
+    assert row.lost == 0.0, f"seed {seed}"
+    if name in P_ROWS:
+        assert row.tail_ms_m2 <= 0.0015
+        assert 0.01 * row.u2_ratio <= 0.0115
+    else:
+        assert row.tail_rms_m <= R_ROWS[name], f"seed {seed}"
+    if name in KEEPS_OFF:
+        assert row.least_range_m >= 0.25 * 80.0, f"seed {seed}"
+
+
+@pytest.mark.parametrize("name", [*P_ROWS, *R_ROWS])
+def test_a_sample_of_the_figures(name):
+    check_row(name, 24, 1)
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("name", [*P_ROWS, *R_ROWS])
+def test_the_figures(name):
+    check_row(name, RUNS, SEED)
+
+
+def test_polar_makes_the_paper_s_law_smooth():
+    pilot = Pilot("hashemi2013", "polar", {"kappa": 10.0})
+    row = compare.row(SCENARIOS["P_calm"], pilot, 60, 1)
+    assert row.tail_ms_m2 <= 0.005
+    assert 0.01 * row.u2_ratio <= 0.015
+
+
+def pilot_s_time(start, V=15.0, r_a=80.0, limit=0.458, lag=0.5, band=4.0):
+    """Seconds until a pilot who sees the target is in the band: shortest turn onto the tangent, then straight on."""
+    x, y, psi, u, t, dt = start.x, start.y, start.psi, 0.0, 0.0, 0.05
+    while math.hypot(x, y) > r_a + band:
+        wanted = math.atan2(-y, -x) + math.asin(min(1.0, r_a / math.hypot(x, y)))
+        command = max(-limit, min(limit, 2.0 * math.remainder(wanted - psi, 2.0 * math.pi) - u))
+        u += (command - u) * (1.0 - math.exp(-dt / lag))
+        psi += u * dt
+        x, y, t = x + V * math.cos(psi) * dt, y + V * math.sin(psi) * dt, t + dt
+    return t
+
+
+def test_settles_nearly_as_fast_as_a_pilot_who_sees_the_target():
+    runs, seed = 200, 5
+    flown = simulate(SCENARIOS["R_calm"], Pilot(*compare.BEST), runs, seed)
+    pilots = np.array([pilot_s_time(draw(SCENARIOS["R_calm"], seed, i).start) for i in range(runs)])
+    assert np.mean(flown["settle_s"] <= 1.5 * pilots) >= 0.95
+
+
+FIELDS = (
+    "scenario law estimator runs settled lost settle_time_s tail_ms_m2 tail_rms_m tail_bias_m worst_rms_m u2_ratio "
+    "least_range_m"
+)
+
+
+def test_the_command_writes_the_rows_as_json(tmp_path, capsys):
+    path = tmp_path / "rows.json"
+    assert compare.main(["--scenario", "P_calm", "--runs", "5", "--seed", "3", "--json", str(path)]) == 0
+    (row,) = json.loads(path.read_text())
+    assert " ".join(row) == FIELDS
+    assert (row["scenario"], row["law"], row["estimator"], row["runs"]) == ("P_calm", "tangent", "drift", 5)
+    assert row["tail_rms_m"] == pytest.approx(math.sqrt(row["tail_ms_m2"]))
+    assert "P_calm" in capsys.readouterr().out
+
+
+def test_a_row_that_never_settles_is_still_json():
+    pilot = Pilot("hashemi2013", "raw", {"kappa": 1.0})
+    row = compare.row(SCENARIOS["P_wind50"], pilot, 3, 1)
+    assert row.settled == 0.0
+    assert json.loads(compare.to_json([row]))[0]["settle_time_s"] is None
+    assert "nan" in compare.table([row])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "word"),
+    [
+        (["--scenario", "Q"], "P_calm"),
+        (["--law", "q"], "hashemi2013"),
+        (["--estimator", "q"], "drift"),
+        (["--law", "tangent", "--estimator", "raw"], "cannot fly"),
+        (["--runs", "0"], "1 or more"),
+    ],
+)
+def test_a_wrong_name_is_answered_with_the_right_ones(arguments, word, capsys):
+    assert compare.main(arguments) == 2
+    assert word in capsys.readouterr().err
+
+
+def test_only_what_can_fly_is_paired():
+    flown = compare.pairs(["hashemi2013", "tangent"], ["raw", "direct", "polar", "drift"])
+    assert ("tangent", "drift") in flown
+    assert ("tangent", "polar") not in flown
+    assert len(flown) == 5
+
+
+def test_progress_ends_at_the_whole():
+    told = []
+    compare.compare(["P_calm"], ["hashemi2013"], ["raw"], 25, 1, lambda *what: told.append(what))
+    assert told[-1][1:] == (25, 25)
+    assert told[-1][0] == "P_calm hashemi2013 raw"

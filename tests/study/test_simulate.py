@@ -1,0 +1,107 @@
+"""The runner: compiled as plain, the same for a seed, and its figures taken again from the traces."""
+
+import math
+
+import numpy as np
+import pytest
+
+from circumnav_mav.guidance.estimators import ESTIMATORS
+from circumnav_mav.guidance.laws import LAWS
+from circumnav_mav.study import drive, kernels
+from circumnav_mav.study.noise import draw
+from circumnav_mav.study.scenarios import SCENARIOS
+from circumnav_mav.study.simulate import Pilot, fly_one, program, setup, simulate
+
+OURS = Pilot("tangent", "drift")
+RAW = Pilot("hashemi2013", "raw", {"kappa": 10.0})
+
+
+def plain(scenario, pilot, seed, index, steps, trace):
+    """Fly with the very functions that fly, not compiled."""
+    e = ESTIMATORS[pilot.estimator]
+    bound = {"BEGIN": e.begin, "OBSERVE": e.observe, "CARRY": e.carry, "LAW": LAWS[pilot.law].turn_rate}
+    chance = draw(scenario, seed, index)
+    est_par, law_par = pilot.parameters(scenario)
+    s = setup(scenario)._replace(steps=steps)
+    gaps = np.array(scenario.gaps_s, dtype=float).reshape(-1, 2)
+    noise = (chance.range_error_m, chance.rate_error_m_s, chance.gust_x, chance.gust_y)
+    run = kernels._twin(drive.drive, bound)
+    return run(s, chance.plant, chance.start, *noise, gaps, est_par, law_par, trace)
+
+
+@pytest.mark.skipif(not kernels.available(), reason="numba is not installed: there is nothing compiled to compare with")
+@pytest.mark.parametrize(("name", "pilot"), [("P_wind25", RAW), ("X_gusts", OURS), ("R_outliers", OURS)])
+def test_compiled_kernels_fly_as_the_plain_ones(name, pilot):
+    scenario = SCENARIOS[name]
+    _, compiled = fly_one(scenario, pilot, 3, 1, trace=True)
+    steps = 400
+    trace = np.zeros((steps, 8))
+    plain(scenario, pilot, 3, 1, steps, trace)
+    assert trace == pytest.approx(compiled[:steps], rel=1e-6, abs=1e-6, nan_ok=True)
+
+
+def test_the_same_seed_gives_the_same_runs_whatever_the_workers():
+    one = simulate(SCENARIOS["P_wind25"], RAW, 25, 5, workers=1)
+    two = simulate(SCENARIOS["P_wind25"], RAW, 25, 5, workers=2)
+    other = simulate(SCENARIOS["P_wind25"], RAW, 25, 6, workers=2)
+    assert one.tobytes() == two.tobytes()
+    assert one["tail_ms"].tolist() != other["tail_ms"].tolist()
+
+
+def test_without_numba_the_plain_functions_fly_in_processes(monkeypatch):
+    compiled = simulate(SCENARIOS["P_wind25"], RAW, 3, 5)
+    monkeypatch.setattr(kernels, "numba", None)
+    program.cache_clear()
+    try:
+        flown = simulate(SCENARIOS["P_wind25"], RAW, 3, 5, workers=2)
+    finally:
+        program.cache_clear()
+    for field in flown.dtype.names:
+        assert flown[field] == pytest.approx(compiled[field], rel=1e-6, nan_ok=True)
+
+
+def test_scenarios_share_the_draws_of_what_they_have_in_common():
+    calm, windy = draw(SCENARIOS["R_calm"], 1, 7), draw(SCENARIOS["R_wind5"], 1, 7)
+    assert calm.start == windy.start
+    assert calm.range_error_m.tolist() == windy.range_error_m.tolist()
+    assert math.hypot(windy.plant.wind_x, windy.plant.wind_y) == pytest.approx(5.0)
+
+
+def test_outcomes_are_those_of_the_trace():
+    scenario = SCENARIOS["P_wind50"]
+    outcome, trace = fly_one(scenario, RAW, 2, 3, trace=True)
+    t, x, y, tx, ty, u = trace[:, [0, 1, 2, 3, 4, 7]].T
+    r = np.hypot(x - tx, y - ty)
+    tail = slice(len(t) // 2 + 1, None)
+    # The trace has the state before each command, the outcome the state after it: one step apart.
+    assert outcome.tail_ms == pytest.approx(np.mean((r[tail] - 10.0) ** 2), rel=0.02)
+    assert outcome.tail_bias == pytest.approx(np.mean(r[tail] - 10.0), abs=0.01)
+    assert outcome.tail_u2 == pytest.approx(np.mean(u[len(t) // 2 :] ** 2))
+    assert outcome.least_range == pytest.approx(r[1:].min(), abs=0.3)
+    assert t[-1] == pytest.approx(349.5)
+
+
+def test_settled_is_inside_the_band_for_good():
+    scenario = SCENARIOS["R_calm"]
+    outcome, trace = fly_one(scenario, OURS, 2, 0, trace=True)
+    r = np.hypot(trace[:, 1] - trace[:, 3], trace[:, 2] - trace[:, 4])
+    outside = trace[np.abs(r - 80.0) > 4.0, 0]
+    assert outcome.settle_s == pytest.approx(outside[-1], abs=0.1)
+
+
+def test_the_paper_on_raw_readings_costs_what_was_measured():
+    """ESTIMATION.md: mean square 0.146, mean u^2 0.41 at kappa 10 in calm air."""
+    flown = simulate(SCENARIOS["P_calm"], RAW, 60, 1)
+    assert flown["tail_ms"].mean() == pytest.approx(0.146, rel=0.25)
+    assert flown["tail_u2"].mean() == pytest.approx(0.41, rel=0.25)
+
+
+def test_an_edited_kernel_is_compiled_again(tmp_path, monkeypatch):
+    (tmp_path / "guidance").mkdir()
+    (tmp_path / "study").mkdir()
+    (tmp_path / "guidance" / "callee.py").write_text("x = 1")
+    monkeypatch.setattr(kernels, "PACKAGE", tmp_path)
+    before = kernels._digest("a")
+    assert kernels._digest("a") == before != kernels._digest("b")
+    (tmp_path / "guidance" / "callee.py").write_text("x = 2")
+    assert kernels._digest("a") != before
