@@ -154,7 +154,9 @@ class Audit:
         why_not = "" if rival else authority.why_not(now_s)
         yield Finding(Severity.WARNING if why_not else Severity.OK, "mode", f"{mode}; {why_not}" if why_not else mode)
         sensors = ap.sensors
-        if sensors is not None and sensors[0] & PREARM_CHECK and not sensors[2] & PREARM_CHECK and not ap.armed:
+        # ArduPilot says whether it has the check; PX4 v1.16 never does, and shows its outcome all the same.
+        checks = sensors is not None and (sensors[0] & PREARM_CHECK or ap.kind == enums.MAV_AUTOPILOT_PX4)
+        if sensors is not None and checks and not sensors[2] & PREARM_CHECK and not ap.armed:
             yield Finding(
                 Severity.WARNING,
                 "pre-arm",
