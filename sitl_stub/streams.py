@@ -10,7 +10,6 @@ from collections.abc import Callable
 from math import floor
 from typing import TYPE_CHECKING, Any
 
-from sitl_stub.commander import UNINIT
 from sitl_stub.kinematics import G, wrap
 from sitl_stub.modes import AUTO_MODES, Mode, base_mode_of
 from sitl_stub.sensors import ZERO4
@@ -127,16 +126,34 @@ def extended_sys_state(a: Autopilot) -> tuple[Any, ...]:
     return 0, 1 if a.commander.landed else 2
 
 
-# As a PX4 on the ground that is ready shows them.
-SENSORS_PRESENT, SENSORS_ENABLED, SENSORS_HEALTHY = 33570863, 33636399, 320915519
-GPS_SENSOR, PREARM_CHECK = 0x20, 0x10000000
+# As PX4 shows them: the pre-arm check is never "present", only healthy or not.
+SENSORS_PRESENT, SENSORS_ENABLED, SENSORS_HEALTHY = 0x0200402F, 0x0201402F, 0x1320C83F
+GPS_SENSOR, AIRSPEED_SENSOR, PREARM_CHECK = 0x20, 0x10, 0x10000000
 
 
 def sys_status(a: Autopilot) -> tuple[Any, ...]:
     healthy = SENSORS_HEALTHY if a.commander.position_ok else SENSORS_HEALTHY & ~GPS_SENSOR
-    if a.commander.system_status == UNINIT:
+    if not a.commander.checks_pass:
         healthy &= ~PREARM_CHECK
-    return SENSORS_PRESENT, SENSORS_ENABLED, healthy, 96, 16193, -100, 100, 0, 0, 0, 0, 0, 0, 0, 0, 0
+    airspeed = AIRSPEED_SENSOR if a.fixed_wing else 0
+    return (
+        SENSORS_PRESENT | airspeed,
+        SENSORS_ENABLED | airspeed,
+        healthy,
+        96,
+        16193,
+        -100,
+        100,
+        0,
+        0,
+        0,
+        0,
+        0,
+        0,
+        0,
+        0,
+        0,
+    )
 
 
 def heartbeat(a: Autopilot) -> tuple[Any, ...]:

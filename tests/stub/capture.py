@@ -35,6 +35,7 @@ class Flight:
     heartbeats: list[list[float]]  # t, custom_mode, base_mode, system_status
     acks: list[list[float]]  # t, command, result
     texts: list[tuple[float, str]]
+    sensors: list[str]
     rates_hz: dict[int, float]
     motion: list[list[float]]  # t, x, y, z, vx, vy, vz, roll, pitch, yaw
 
@@ -60,6 +61,7 @@ class Watcher:
         self.acks: list[list[float]] = []
         self.texts: list[tuple[float, str]] = []
         self.counts: Counter[int] = Counter()
+        self.sensors: list[str] = []  # SYS_STATUS present/enabled/health, every change
         self.motion: list[list[float]] = []
         self._local: bytes | None = None
         self._next_s = 0.0
@@ -78,6 +80,16 @@ class Watcher:
         elif msgid == 30:
             if self._local is not None and t_s >= self._next_s:
                 self._move(t_s, self._decode(raw), self._decode(self._local))
+        elif msgid == 1:
+            m = self._decode(raw)
+            bits = (
+                m.onboard_control_sensors_present,
+                m.onboard_control_sensors_enabled,
+                m.onboard_control_sensors_health,
+            )
+            shown = "/".join(f"{b:08x}" for b in bits)
+            if self.sensors[-1:] != [shown]:
+                self.sensors.append(shown)
         elif msgid in (0, 77, 253):
             self._message(t_s, msgid, self._decode(raw))
 
@@ -117,6 +129,7 @@ def extract(name: str, path: Path, system_id: int) -> None:
         "heartbeats": [[round(h[0], 3), *h[1:]] for h in watcher.heartbeats],
         "acks": [[round(a[0], 4), *a[1:]] for a in watcher.acks],
         "texts": [[round(t, 3), text] for t, text in watcher.texts],
+        "sensors": watcher.sensors,
         "rates_hz": {str(k): round(v, 4) for k, v in watcher.rates_hz().items()},
         "motion": [[round(row[0], 3), *(round(v, 4) for v in row[1:])] for row in watcher.motion],
     }
@@ -134,6 +147,7 @@ def load(name: str) -> Flight:
         heartbeats=shown["heartbeats"],
         acks=shown["acks"],
         texts=[(t, text) for t, text in shown["texts"]],
+        sensors=shown["sensors"],
         rates_hz={int(k): v for k, v in shown["rates_hz"].items()},
         motion=shown["motion"],
     )

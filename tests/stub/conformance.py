@@ -58,6 +58,8 @@ def compare(name: str) -> list[Compared]:
     """Return every row of one capture."""
     flight, watcher = load(name), replay(name)
     rows = [*_modes(flight, watcher), *_acks(flight, watcher), *_texts(flight, watcher), *_rates(flight, watcher)]
+    sensors = [" ".join(side.sensors) for side in (flight, watcher)]
+    rows.append(Compared(name, "SYS_STATUS (present/enabled/health)", *sensors, "the same", sensors[0] == sensors[1]))
     return rows + (_quadx(flight, watcher) if name == "quadx" else _airplane(flight, watcher))
 
 
