@@ -204,9 +204,10 @@ class Autopilot:
         self.height.take("GLOBAL_POSITION_INT", self.height_m, now_s, on_ground=not self.armed)
 
     def _vfr_hud(self, fields: Any, now_s: float) -> None:
-        if not sane(fields.airspeed, fields.alt, fields.climb):
+        if not sane(fields.alt, fields.climb):
             return
-        self.airspeed_m_s = fields.airspeed * true_per_calibrated(fields.alt)
+        # NaN from a plane without the sensor: the rest of the message counts all the same.
+        self.airspeed_m_s = fields.airspeed * true_per_calibrated(fields.alt) if sane(fields.airspeed) else nan
         self.throttle = fields.throttle / 100.0
         self.height.take("VFR_HUD", fields.alt, now_s, on_ground=not self.armed)
         if not now_s - self.climb_s < 1.0 or self.climb_s == self.hud_s:  # no better one
