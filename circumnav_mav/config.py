@@ -69,6 +69,7 @@ class Vehicle(Section):
 
     kind: Annotated[str, _one_of("vehicle class", VEHICLES)] = Field("px4_multirotor", alias="class")
     link: Link = "udpin://0.0.0.0:14540"
+    library: Literal["pymavlink", "mavsdk"] = "pymavlink"
     signing_key_file: str | None = None
     lead_s: NotNegative | None = Field(None, le=2.0)
     pitch_deg: FiniteFloat | None = Field(None, ge=-30.0, le=30.0)
@@ -373,8 +374,26 @@ def cross_checks(config: Config) -> Iterator[tuple[str, str]]:
     if config.engage == "auto" and orbit.height_m is None:
         yield "engage", "auto takes off by itself and needs orbit.height_m, the height to climb to"
     yield from _ranging_checks(config.ranging)
+    if config.ranging.endpoint and endpoint.parse(config.ranging.endpoint) == endpoint.parse(config.vehicle.link):
+        yield "ranging.endpoint", "is vehicle.link: leave it out, and ranges are taken from that link"
     if config.ranging.sender and config.ranging.sender[1] == 1:
         yield "ranging.from", "component 1 is the autopilot: its own range finder and its echoes are never flown on"
+
+
+MAVSDK_LEAST_HZ = 20.0
+"""Half of the 100 ms after which the process that MAVSDK lives in takes the app for dead."""
+
+
+def _mavsdk_checks(config: Config) -> Iterator[tuple[str, str]]:
+    if config.vehicle.kind != "px4_multirotor":
+        yield "vehicle.library", "mavsdk flies px4_multirotor only (its other setpoints lose fields): use pymavlink"
+    if config.loop.rate_hz < MAVSDK_LEAST_HZ:
+        yield (
+            "loop.rate_hz",
+            f"mavsdk needs at least {MAVSDK_LEAST_HZ:g} Hz: 100 ms without setpoint count as a dead app",
+        )
+    if config.vehicle.signing_key_file is not None:
+        yield "vehicle.signing_key_file", "not with library mavsdk: use pymavlink"
 
 
 def _vehicle_checks(config: Config) -> Iterator[tuple[str, str]]:
@@ -397,6 +416,12 @@ def _vehicle_checks(config: Config) -> Iterator[tuple[str, str]]:
             f"{vehicle.name} measures no speed: give the pitch (nose up, so below 0) at which the vehicle flies "
             f"orbit.speed_m_s = {orbit.speed_m_s:g} through still air",
         )
+    if config.vehicle.library == "mavsdk":
+        yield from _mavsdk_checks(config)
+    if vehicle.words.land is None:
+        for key, action in config.safety:
+            if action == "land" and (key != "on_estimates_lost" or vehicle.estimates):
+                yield f"safety.{key}", f"{vehicle.words.autopilot} has no landing mode: hold, return or stop"
     if config.engage == "auto" and vehicle.take_off is None:
         yield "engage", f"auto takes off, and {vehicle.name} does not: engage: pilot"
     if config.on_range_lost == "land" and vehicle.words.land is None:

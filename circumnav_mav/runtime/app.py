@@ -18,7 +18,7 @@ from circumnav_mav.guidance.phases import ENGAGED, Phase
 from circumnav_mav.guidance.target import describe, describe_drift
 from circumnav_mav.runtime.clock import Clock, run_on_grid
 from circumnav_mav.runtime.keyfile import open_signer
-from circumnav_mav.runtime.links import open_link, open_ranging_link
+from circumnav_mav.runtime.links import open_ranging_link, open_vehicle_link
 from circumnav_mav.runtime.realtime import settle
 from circumnav_mav.runtime.recorder import Recorder
 from circumnav_mav.runtime.systemd import Notifier
@@ -81,7 +81,7 @@ class App:
     def open_links(self) -> None:
         """Open the sockets. Raises LinkError, in words."""
         try:
-            self._links[VEHICLE] = open_link(parse(self._config.vehicle.link))
+            self._links[VEHICLE] = open_vehicle_link(self._config.vehicle)
             if (own := self.flight.ranges.endpoint) is not None:
                 self._links[RANGING] = open_ranging_link(own, self.flight.ranges)
         except BaseException:

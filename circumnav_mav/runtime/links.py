@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from circumnav_mav.endpoint import USUAL_BAUD, Endpoint
+from circumnav_mav.config import Vehicle
+from circumnav_mav.endpoint import USUAL_BAUD, Endpoint, parse
 from circumnav_mav.range_feed import RangeFeed
+from circumnav_mav.runtime.mavsdk_link import MavsdkLink
 from circumnav_mav.runtime.replay_link import ReplayLink
 from circumnav_mav.runtime.serial_port import SerialLink
 from circumnav_mav.runtime.stream import Steps
@@ -23,6 +25,12 @@ def open_link(endpoint: Endpoint, *, default_baud: int = USUAL_BAUD, steps: Step
     if endpoint.kind == "file":
         return ReplayLink(endpoint)
     return UdpLink(endpoint)
+
+
+def open_vehicle_link(vehicle: Vehicle) -> Transport:
+    """Open the link to the autopilot, through the library that the configuration names. Raises LinkError, in words."""
+    endpoint = parse(vehicle.link)
+    return MavsdkLink(endpoint) if vehicle.library == "mavsdk" else open_link(endpoint)
 
 
 def open_ranging_link(endpoint: Endpoint, feed: RangeFeed) -> Transport:

@@ -8,11 +8,10 @@ from collections.abc import Iterator
 from functools import partial
 
 from circumnav_mav.config import Config
-from circumnav_mav.endpoint import parse
 from circumnav_mav.readiness import Audit, Finding, Severity
 from circumnav_mav.runtime.clock import Clock, new_event_loop, run_on_grid
 from circumnav_mav.runtime.keyfile import open_signer
-from circumnav_mav.runtime.links import open_link, open_ranging_link
+from circumnav_mav.runtime.links import open_ranging_link, open_vehicle_link
 from circumnav_mav.runtime.transport import Transport
 
 RATE_HZ = 20.0
@@ -28,7 +27,7 @@ def listen(config: Config, seconds: float) -> list[Finding]:
     links: list[Transport] = []
     loop = new_event_loop()
     try:
-        links.append(open_link(parse(config.vehicle.link)))
+        links.append(open_vehicle_link(config.vehicle))
         if (own := audit.ranges.endpoint) is not None:
             links.append(open_ranging_link(own, audit.ranges))
         loop.run_until_complete(_run(audit, links, clock, seconds))

@@ -139,6 +139,14 @@ def test_the_entry_keeps_the_least_range_where_a_turn_can(start):
     assert min(fly("tangent", start, 60.0, r_min=r_min)) > 0.95 * min(r_min, max(turns))
 
 
+@pytest.mark.parametrize("r_min", [math.nan, 20.0, 40.0])
+@pytest.mark.parametrize("r", [55.0, 62.0, 70.0, 80.0, 100.0, 130.0])
+def test_a_vehicle_that_circles_the_wrong_way_turns_round(r, r_min):
+    """Seen in flight: at the edge between two sides of a turn the choice chattered, and the circle went on for ever."""
+    last = fly("tangent", (r, 0.0, 0.5 * math.pi), 90.0, lag_s=0.5, r_min=r_min)[-500:]
+    assert max(abs(e - R_A) for e in last) < 0.5
+
+
 def test_the_least_range_of_a_turn_is_that_of_the_flown_turn():
     par = LAWS["tangent"].parameters({}, context(lag_s=0.0))
     for psi, turn, drift in ((0.2, 2.5, (0.0, 0.0)), (-1.0, -3.0, (3.0, -2.0)), (2.0, 1.2, (-4.0, 1.0))):

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import json
 import lzma
-import math
 import sys
 from collections import Counter
 from collections.abc import Iterator
@@ -62,7 +61,7 @@ class Watcher:
         self.texts: list[tuple[float, str]] = []
         self.counts: Counter[int] = Counter()
         self.motion: list[list[float]] = []
-        self._local: Any = None
+        self._local: bytes | None = None
         self._next_s = 0.0
         self._mav = mavlink.MAVLink(None)
         self._mav.robust_parsing = True
@@ -74,23 +73,30 @@ class Watcher:
         msgid = int.from_bytes(raw[7:10], "little")
         if COUNT_S[0] <= t_s < COUNT_S[1]:
             self.counts[msgid] += 1
-        if msgid in (0, 30, 32, 77, 253):
-            self._message(t_s, msgid, self._mav.decode(bytearray(raw)))
+        if msgid == 32:
+            self._local = raw
+        elif msgid == 30:
+            if self._local is not None and t_s >= self._next_s:
+                self._move(t_s, self._decode(raw), self._decode(self._local))
+        elif msgid in (0, 77, 253):
+            self._message(t_s, msgid, self._decode(raw))
+
+    def _decode(self, raw: bytes) -> Any:
+        return self._mav.decode(bytearray(raw))
 
     def _message(self, t_s: float, msgid: int, m: Any) -> None:
         if msgid == 0:
             self.heartbeats.append([t_s, m.custom_mode, m.base_mode, m.system_status])
         elif msgid == 77:
             self.acks.append([t_s, m.command, m.result])
-        elif msgid == 253:
+        else:
             self.texts.append((t_s, m.text))
-        elif msgid == 32:
-            self._local = m
-        elif self._local is not None and t_s >= self._next_s:
-            fine = FINE_S[self.name]
-            self._next_s = t_s + (0.015 if fine[0] <= t_s < fine[1] else 0.095)
-            p = self._local
-            self.motion.append([t_s, p.x, p.y, p.z, p.vx, p.vy, p.vz, m.roll, m.pitch, m.yaw])
+
+    def _move(self, t_s: float, attitude: Any, p: Any) -> None:
+        fine = FINE_S[self.name]
+        self._next_s = t_s + (0.015 if fine[0] <= t_s < fine[1] else 0.095)
+        row = [t_s, p.x, p.y, p.z, p.vx, p.vy, p.vz, attitude.roll, attitude.pitch, attitude.yaw]
+        self.motion.append(row)
 
     def rates_hz(self) -> dict[int, float]:
         """Return messages per second by id."""
@@ -131,11 +137,6 @@ def load(name: str) -> Flight:
         rates_hz={int(k): v for k, v in shown["rates_hz"].items()},
         motion=shown["motion"],
     )
-
-
-def finite(value: float) -> bool:
-    """Whether a figure could be measured."""
-    return math.isfinite(value)
 
 
 if __name__ == "__main__":

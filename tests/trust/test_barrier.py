@@ -53,7 +53,7 @@ def fleeing(est: Estimate) -> float:
 
 
 @pytest.mark.parametrize("law", [homing, fleeing])
-@pytest.mark.parametrize(("theta_deg", "r"), list(itertools.product(range(-180, 180, 30), (42.0, 55.0, 65.0))))
+@pytest.mark.parametrize(("theta_deg", "r"), list(itertools.product(range(-180, 180, 45), (42.0, 65.0))))
 def test_the_band_is_kept_whatever_the_law_wants(law, theta_deg, r):
     plant = Plant(r, math.radians(theta_deg))
     least, most = math.inf, 0.0
@@ -85,12 +85,12 @@ def test_an_orbit_is_not_bent():
 def test_what_is_promised_is_the_closed_form_of_the_circle():
     """The nearest and farthest point of the hardest turn, found by walking along it."""
     rng = random.Random(5)
-    for _ in range(300):
+    for _ in range(60):
         r, theta, rho = rng.uniform(5.0, 200.0), rng.uniform(-math.pi, math.pi), rng.uniform(2.0, 30.0)
         for turn in (1.0, -1.0):
             xs = []
-            for i in range(2000):
-                a = 2 * math.pi * i / 2000
+            for i in range(1000):
+                a = 2 * math.pi * i / 1000
                 forward, left = rho * math.sin(a), turn * rho * (1 - math.cos(a))
                 xs.append(math.hypot(r * math.cos(theta) - forward, -r * math.sin(theta) - left))
             inside = math.hypot(r * math.cos(theta), r * math.sin(theta) * turn + rho) < rho
@@ -117,7 +117,7 @@ def test_in_flight_the_vehicle_turns_away_before_r_min():
     for r_min_m in (None, 34.0):
         app = {"law": {"kappa": 1.1}, "orbit": {"radius_m": 50.0, "r_min_m": r_min_m}}
         rig = Rig(config(**app), airborne(**world)).engage()
-        log = rig.run(30.0 if r_min_m is None else 120.0)
+        log = rig.run(20.0 if r_min_m is None else 80.0)
         nearest_m[r_min_m] = min(t.horizontal_range_m for t in log.truth)
     assert nearest_m[None] < 34.0 <= nearest_m[34.0]
     assert log.phases[-1] == "orbiting", "the barrier kept the law from its orbit"

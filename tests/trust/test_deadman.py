@@ -28,7 +28,7 @@ SETPOINTS = {84, 82, 86}
 class Field:
     """The stub on real sockets, and the app as a process. Everything that reaches the vehicle is noted."""
 
-    def __init__(self, directory: Path) -> None:
+    def __init__(self, directory: Path, library: str = "pymavlink") -> None:
         self.stub = Stub(airborne(80.0, seed=8, params={"COM_OBL_RC_ACT": 5}))
         self.server = Server(self.stub, {"offboard": Endpoint(0, 0), "gcs": Endpoint(0, 0)})
         self.pilot = Peer(self.stub)
@@ -47,7 +47,7 @@ class Field:
         self.stub._take_frame = note
         self.config = directory / "config.yaml"
         link = f"udpout://127.0.0.1:{self.server.port('offboard')}"
-        settings = {"vehicle": {"link": link}, "record": {"directory": str(directory / "flights")}}
+        settings = {"vehicle": {"link": link, "library": library}, "record": {"directory": str(directory / "flights")}}
         self.config.write_text(yaml.safe_dump(settings))
         self.app: subprocess.Popen[bytes] | None = None
         self.start()
@@ -83,39 +83,80 @@ class Field:
 
 
 @pytest.fixture
-def field(tmp_path):
-    f = Field(tmp_path)
+def field(tmp_path, library):
+    f = Field(tmp_path, library)
     yield f
     f.close()
 
 
+FAULTS = [
+    ("pymavlink", "killed"),
+    ("pymavlink", "stopped"),
+    ("pymavlink", "blocked with the GIL held"),
+    ("mavsdk", "stopped"),
+    pytest.param("pymavlink", "blocked", marks=pytest.mark.soak),
+    pytest.param("mavsdk", "killed", marks=pytest.mark.soak),
+    pytest.param("mavsdk", "blocked with the GIL held", marks=pytest.mark.soak),
+]
+
+
 @pytest.mark.realtime
-@pytest.mark.parametrize(
-    "fault", ["killed", "stopped", "blocked with the GIL held", pytest.param("blocked", marks=pytest.mark.soak)]
-)
-def test_silence_failsafe_and_no_way_back_in(field, fault):
+@pytest.mark.parametrize(("library", "fault"), FAULTS)
+def test_silence_failsafe_and_no_way_back_in(field, library, fault):
+    """The last setpoint leaves within a period (pymavlink) or 200 ms (MAVSDK, which would go on for ever by itself)."""
     field.engage()
     app = field.app
     signals = {"killed": "SIGKILL", "stopped": "SIGSTOP", "blocked": "SIGUSR1"}
     app.send_signal(getattr(signal, signals.get(fault, "SIGUSR2")))
     began_s = field.stub.now_s
     field.run(2.8)
-    assert field.since(began_s + 0.15) == [], "setpoints after the fault"
+    print(f"{library}, {fault}: last setpoint {field.setpoints_s[-1] - began_s:+.3f} s after the fault")
+    assert field.since(began_s + 0.2) == [], "setpoints after the fault"
     assert field.mode == "AUTO/LOITER"
     if fault == "killed":
         app.wait()
+        assert not children(field), "the process that MAVSDK lives in has outlived the app"
         field.start()
     elif fault == "stopped":
         field.run(0.4)
         app.send_signal(signal.SIGCONT)
-    field.run(5.0)
-    assert field.since(began_s + 0.15) == [], "the aircraft was taken back"
+    field.run(4.0)
+    assert field.since(began_s + 0.2) == [], "the aircraft was taken back"
     assert field.modes_asked == 0
     assert field.mode == "AUTO/LOITER"
     if fault == "blocked with the GIL held":
         assert app.poll() is None, "the watchdog was held up too: the gap rule alone keeps the app silent"
     elif fault == "blocked":
         assert app.wait(timeout=30.0) == 1, "a hung app ends with an error, so that systemd starts it again"
+
+
+def children(field: Field) -> list[Path]:
+    """Return the MAVSDK processes on this field's port."""
+    port = f"127.0.0.1:{field.server.port('offboard')}"
+    found = []
+    for process in Path("/proc").glob("[0-9]*/cmdline"):
+        try:
+            words = process.read_text()
+        except OSError:
+            continue
+        if "mavsdk_child" in words and port in words:
+            found.append(process)
+    return found
+
+
+@pytest.mark.realtime
+@pytest.mark.parametrize("library", ["mavsdk"])
+def test_a_polite_end_through_mavsdk_asks_for_hold_and_leaves_nothing_behind(field):
+    field.engage()
+    field.app.send_signal(signal.SIGINT)
+    field.run(30.0, until=lambda: field.app.poll() is not None)
+    assert field.app.poll() == 0
+    assert field.modes_asked >= 1
+    assert field.mode == "AUTO/LOITER"
+    ended_s = field.stub.now_s
+    field.run(1.0)
+    assert field.since(ended_s) == []
+    assert not children(field)
 
 
 def listen(directory: Path, name: str = "notify") -> tuple[socket.socket, str]:

@@ -161,7 +161,7 @@ ROWS: dict[str, Row] = {
         90.0,
         LAND,
         "0.5 laps are flown",
-        app={"safety": {"laps": 0.5, "on_used_up": "land"}},
+        app={"safety": {"laps": 0.5, "on_used_up": "land"}, "orbit": {"radius_m": 30.0}},
         for_s=90.0,
     ),
     "ended by the operator": Row(

@@ -1,0 +1,182 @@
+"""The process that MAVSDK lives in: frames from the app become MAVSDK calls, messages from the vehicle become frames.
+
+    python -m circumnav_mav.runtime.mavsdk_child URL FD
+
+The 100 ms rule: once a setpoint has been given, the next must come within SILENCE_S; else MAVSDK is destroyed on the
+spot (never `offboard.stop()`, which asks for a mode) and made anew, without a setpoint. A closed FD does the same for
+good.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import math
+import socket
+import struct
+import sys
+import time
+from collections import Counter
+from contextlib import suppress
+from typing import Any
+
+from mavsdk.asyncio import ComponentType, Configuration, Mavsdk
+from mavsdk.asyncio.plugins.offboard import OffboardAsync, VelocityBodyYawspeed
+from mavsdk.logging import LogLevel, log_subscribe
+from mavsdk.plugins.mavlink_direct import MavlinkDirect, MavlinkMessage
+
+from circumnav_mav.mavlink.codec import Decoder, Message, Packer, Splitter
+from circumnav_mav.mavlink.dialect import by_name
+
+SILENCE_S = 0.1
+LOOK_S = 0.01
+FIND_S = 3600.0
+FRAME = 4096
+US = (1, 191)
+SETPOINT = "SET_POSITION_TARGET_LOCAL_NED"
+SENT = frozenset(
+    {SETPOINT, "COMMAND_LONG", "COMMAND_INT", "COMMAND_ACK", "PARAM_REQUEST_READ", "TIMESYNC", "STATUSTEXT"}
+)
+"""What goes out. The HEARTBEAT is MAVSDK's own."""
+
+
+class Child:
+    """One MAVSDK after another, for as long as the app is there."""
+
+    def __init__(self, url: str, pair: socket.socket) -> None:
+        self._url, self._pair = url, pair
+        self._splitter, self._decoder = Splitter(SENT), Decoder(SENT)
+        self._packers: dict[tuple[int, int], Packer] = {}
+        self._waiting: list[Message] = []
+        self._setpoint: Message | None = None
+        self._setpoint_s = -math.inf
+        self._given = False
+        self._news = asyncio.Event()
+        self.dropped: Counter[str] = Counter()
+        self.gone = False
+
+    async def run(self) -> None:
+        """Serve until the app is gone."""
+        asyncio.get_running_loop().add_reader(self._pair.fileno(), self._read)
+        while not self.gone:
+            await self._session()
+
+    def _read(self) -> None:
+        """Take in what the app gave: all of it, the newest setpoint only."""
+        while True:
+            try:
+                data = self._pair.recv(FRAME)
+            except BlockingIOError:
+                break
+            except OSError:
+                data = b""
+            if not data:
+                asyncio.get_running_loop().remove_reader(self._pair.fileno())
+                self.gone = True
+                break
+            for frame in self._splitter.feed(data, whole=True):
+                message = self._decoder.decode(frame)
+                if message is not None and message.name == SETPOINT:
+                    self._setpoint, self._setpoint_s = message, time.monotonic()
+                elif message is not None:
+                    self._waiting.append(message)
+        self._news.set()
+
+    async def _session(self) -> None:
+        config = Configuration.create_with_component_type(ComponentType.COMPANION_COMPUTER)
+        config.system_id, config.component_id = US
+        sdk = Mavsdk(config)
+        self._given = False
+        finding: asyncio.Task[Any] | None = None
+        try:
+            await sdk.add_any_connection(self._url)
+            finding = asyncio.create_task(sdk.first_autopilot(timeout_s=FIND_S))
+            while not finding.done() and not self.gone:
+                await asyncio.wait([finding], timeout=0.1)
+            if not finding.done():
+                return
+            system = finding.result()
+            if system is None:
+                return
+            direct, offboard = MavlinkDirect(system._system), OffboardAsync(system)
+            handle = direct.subscribe_message("", self._from_vehicle)
+            self._setpoint = None  # one from before is older than the vehicle
+            await self._serve(direct, offboard)
+            direct.unsubscribe_message(handle)
+            direct.destroy()
+        finally:
+            if finding is not None:
+                finding.cancel()
+            sdk.destroy()
+
+    async def _serve(self, direct: Any, offboard: Any) -> None:
+        while not self.gone:
+            with suppress(TimeoutError):
+                await asyncio.wait_for(self._news.wait(), LOOK_S)
+            self._news.clear()
+            waiting, self._waiting = self._waiting, []
+            for message in waiting:
+                direct.send_message(to_mavsdk(message))
+            if self._given and time.monotonic() - self._setpoint_s > SILENCE_S:
+                return
+            if self._setpoint is not None:
+                f, self._setpoint = self._setpoint.fields, None
+                self._given = True
+                velocity = VelocityBodyYawspeed(f.vx, f.vy, f.vz, math.degrees(f.yaw_rate))
+                await offboard.set_velocity_body(velocity)
+
+    def _from_vehicle(self, message: Any, _: Any) -> None:
+        """Hand a message to the app as a frame. Runs in MAVSDK's thread; a frame that does not fit is dropped."""
+        source = (message.system_id, message.component_id)
+        packer = self._packers.get(source)
+        if packer is None:
+            packer = self._packers[source] = Packer(*source)
+        try:
+            fields = fields_of(message.message_name, json.loads(message.fields_json))
+            self._pair.send(packer.pack(message.message_name, **fields))
+        except (KeyError, ValueError, TypeError, ArithmeticError, OSError, struct.error):
+            self.dropped[message.message_name] += 1
+
+
+def to_mavsdk(message: Message) -> Any:
+    """Return a decoded message as mavlink_direct takes it."""
+    fields = {name: _json(value) for name, value in message.fields._asdict().items()}
+    target = (fields.get("target_system", 0), fields.get("target_component", 0))
+    return MavlinkMessage(message.name, message.sysid, message.compid, *target, json.dumps(fields))
+
+
+def _json(value: Any) -> Any:
+    if isinstance(value, bytes):
+        return value.split(b"\0")[0].decode("ascii", "replace")
+    if isinstance(value, tuple):
+        return [_json(v) for v in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def fields_of(name: str, said: dict[str, Any]) -> dict[str, Any]:
+    """Return the fields of a message as the codec packs them; what MAVSDK does not say is 0. KeyError: not known."""
+    shape = by_name(name)
+    return {
+        field: _field(said.get(field, 0), length) for field, length in zip(shape.fields, shape.lengths, strict=True)
+    }
+
+
+def _field(value: Any, length: int) -> Any:
+    if isinstance(value, str):
+        return value.encode("ascii", "replace")
+    if length > 1:
+        values = [_field(v, 1) for v in value] if isinstance(value, list) else []
+        return tuple(values + [0] * (length - len(values)))
+    return math.nan if value is None else value
+
+
+def main() -> None:
+    """Run the child. MAVSDK's chatter is kept from the terminal; its warnings are not."""
+    log_subscribe(lambda level, *_: level < LogLevel.WARN)
+    pair = socket.socket(fileno=int(sys.argv[2]))
+    pair.setblocking(False)
+    asyncio.run(Child(sys.argv[1], pair).run())
+
+
+if __name__ == "__main__":
+    main()

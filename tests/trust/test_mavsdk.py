@@ -1,0 +1,78 @@
+"""What goes through MAVSDK comes out as it went in: every message that the app lives on, there and back as JSON."""
+
+from __future__ import annotations
+
+import json
+import math
+import random
+
+import pytest
+
+from circumnav_mav.config import ConfigError, parse
+from circumnav_mav.mavlink.autopilot import Autopilot
+from circumnav_mav.mavlink.codec import Decoder, Packer, Splitter
+from circumnav_mav.mavlink.dialect import by_name
+
+pytest.importorskip("mavsdk", reason="mavsdk is not installed")
+
+from circumnav_mav.runtime.mavsdk_child import SENT, fields_of, to_mavsdk
+
+NAMES = sorted({*Autopilot().messages, *SENT, "DISTANCE_SENSOR", "PARAM_VALUE", "LANDING_TARGET"})
+
+
+def random_payload(name: str, rng: random.Random) -> bytes:
+    """Return bytes in which every field is a value that JSON can carry."""
+    shape = by_name(name)
+    while True:
+        raw = rng.randbytes(shape.struct.size)
+        values = shape.struct.unpack(raw)
+        if all(not isinstance(v, float) or math.isfinite(v) for v in values):
+            return raw
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_message_survives_the_way_through_json(name):
+    rng = random.Random(name)
+    shape = by_name(name)
+    for _ in range(30):
+        fields = shape.unpack(random_payload(name, rng), 0, shape.struct.size)._asdict()
+        for key, value in fields.items():
+            if isinstance(value, bytes):
+                fields[key] = b"TEXT".ljust(len(value), b"\0")
+        frame = Packer(1, 1).pack(name, **fields)
+        (cut,) = Splitter({name}).feed(frame, whole=True)
+        message = Decoder({name}).decode(cut)
+        sent = to_mavsdk(message)
+        assert (sent.message_name, sent.system_id, sent.component_id) == (name, 1, 1)
+        said = json.loads(sent.fields_json)
+        again = Packer(1, 1).pack(name, **fields_of(name, said))
+        assert again == frame
+
+
+def test_what_is_not_a_number_goes_as_null_and_comes_back():
+    fields = dict.fromkeys(by_name("COMMAND_LONG").fields, 0) | {"param7": math.nan}
+    (cut,) = Splitter({"COMMAND_LONG"}).feed(Packer(1, 191).pack("COMMAND_LONG", **fields), whole=True)
+    said = json.loads(to_mavsdk(Decoder({"COMMAND_LONG"}).decode(cut)).fields_json)
+    assert said["param7"] is None
+    assert math.isnan(fields_of("COMMAND_LONG", said)["param7"])
+
+
+def test_what_mavsdk_does_not_know_is_zero_and_what_we_do_not_know_is_dropped():
+    assert fields_of("HEARTBEAT", {"type": 2})["custom_mode"] == 0
+    with pytest.raises(KeyError):
+        fields_of("NO_SUCH_MESSAGE", {})
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("vehicle: {library: mavsdk, class: arducopter}", "px4_multirotor only"),
+        ("vehicle: {library: mavsdk}\nloop: {rate_hz: 10}", "at least 20 Hz"),
+        ("vehicle: {library: mavsdk, signing_key_file: k}", "not with library mavsdk"),
+        ("vehicle: {library: mavlink}", "'pymavlink' or 'mavsdk'"),
+    ],
+)
+def test_what_mavsdk_cannot_do_is_a_fault_of_the_file(text, words):
+    with pytest.raises(ConfigError) as caught:
+        parse(text, "c.yaml")
+    assert any(words in line for line in caught.value.lines()), list(caught.value.lines())
