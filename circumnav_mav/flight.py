@@ -188,7 +188,7 @@ class Flight:
         self._ticked_s = now_s
         self._follow_operator(now_s)
         self._judge(now_s)
-        if self._auto is not None and link.autopilot.heard(now_s):
+        if self._auto is not None and link.autopilot.heard(now_s) and not self.end_reason:
             ready = self.computer.phase is Phase.READY
             self._auto.tick(now_s, ready=ready, may_ask=ready and not self._encoder.lacks)
         decision = self.computer.tick(now_s, self._status(now_s))
@@ -259,6 +259,13 @@ class Flight:
         if self.unfit is not None and self.unfit.final:
             return self.unfit.text
         return self._auto.problem if self._auto else ""
+
+    @property
+    def left_behind(self) -> str:
+        """What the vehicle goes on doing by itself when the app ends now; empty for nothing."""
+        if self._auto is not None and self._auto.step in (Step.TAKING_OFF, Step.CLIMBING):
+            return "the vehicle goes on with its take-off by itself"
+        return ""
 
     @property
     def waiting_for(self) -> str:
