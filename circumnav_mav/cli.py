@@ -130,6 +130,7 @@ def ranging(
         float | None,
         typer.Option(help="true distance to the beacon [m]: measure the bias, and write it into the file", min=0.1),
     ] = None,
+    record: Annotated[Path | None, typer.Option(help="keep the ranges in this file, for the source replay")] = None,
 ) -> None:
     """Show live what the ranging sensor says: ranges, rejections by reason, rate, age, jitter. Moves nothing."""
     from circumnav_mav.runtime.ranging_session import run_ranging
@@ -137,7 +138,7 @@ def ranging(
 
     settings = load(config)
     view = open_ranging_view(f"circumnav ranging  {settings.ranging.source}")
-    problem = run_ranging(settings, config, view, typer.echo, duration_s=duration, distance_m=calibrate)
+    problem = run_ranging(settings, config, view, typer.echo, duration_s=duration, distance_m=calibrate, record=record)
     if problem:
         _complain(problem)
         raise typer.Exit(EXIT_FLIGHT)

@@ -374,6 +374,8 @@ def cross_checks(config: Config) -> Iterator[tuple[str, str]]:
     if config.engage == "auto" and orbit.height_m is None:
         yield "engage", "auto takes off by itself and needs orbit.height_m, the height to climb to"
     yield from _ranging_checks(config.ranging)
+    if config.ranging.endpoint and endpoint.parse(config.ranging.endpoint) == endpoint.parse(config.vehicle.link):
+        yield "ranging.endpoint", "is vehicle.link: leave it out, and ranges are taken from that link"
     if config.ranging.sender and config.ranging.sender[1] == 1:
         yield "ranging.from", "component 1 is the autopilot: its own range finder and its echoes are never flown on"
 

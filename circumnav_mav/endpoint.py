@@ -58,19 +58,19 @@ def parse(text: str) -> Endpoint:
     match = _NETWORK.fullmatch(text)
     kind = _KINDS.get(match["kind"]) if match else None
     if match is None or kind is None:
-        raise ValueError(f"'{text}' is no link: write {FORMS}")
+        raise ValueError(f"{text!r} is no link: write {FORMS}")
     port = int(match["port"])
     if not (0 < port < 65536 or (port == 0 and kind not in _CALLS)):
-        raise ValueError(f"'{text}': the port must lie between 1 and 65535")
+        raise ValueError(f"{text!r}: the port must lie between 1 and 65535")
     if kind in _CALLS and not match["host"]:
-        raise ValueError(f"'{text}': {kind} needs the address to call, as in {kind}://192.168.1.5:14580")
+        raise ValueError(f"{text!r}: {kind} needs the address to call, as in {kind}://192.168.1.5:14580")
     return Endpoint(kind, match["host"] or "0.0.0.0", port)
 
 
 def _serial(text: str, match: re.Match[str]) -> Endpoint:
     baud = int(match["baud"] or 0)
     if match["baud"] and not LEAST_BAUD <= baud <= MOST_BAUD:
-        raise ValueError(f"'{text}': the baud rate must lie between {LEAST_BAUD} and {MOST_BAUD}, as in {EXAMPLE}")
+        raise ValueError(f"{text!r}: the baud rate must lie between {LEAST_BAUD} and {MOST_BAUD}, as in {EXAMPLE}")
     return Endpoint("serial", path=match["device"], baud=baud)
 
 

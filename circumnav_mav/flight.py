@@ -212,8 +212,12 @@ class Flight:
     def link_lost(self, link: str, now_s: float, words: str) -> None:
         """A link broke. On the vehicle's, nothing is sent or believed until a mode message newer than the break."""
         self._tell(now_s, f"{link} link lost: {words}", WARNING)
-        if link == VEHICLE:
-            self.link.authority.gap(now_s)
+        if link != VEHICLE:
+            return
+        authority = self.link.authority
+        authority.gap(now_s)
+        if authority.control is Control.ASKED:  # a request must not go on over a new connection, by itself
+            authority.lost(f"the link was lost while {self.words.ours_name} was asked for")
 
     def link_back(self, link: str, now_s: float, words: str) -> None:
         """A link is open again. On the vehicle's the next tick asks for the mode, and sends no setpoint before it."""

@@ -154,7 +154,9 @@ class Audit:
         why_not = "" if rival else authority.why_not(now_s)
         yield Finding(Severity.WARNING if why_not else Severity.OK, "mode", f"{mode}; {why_not}" if why_not else mode)
         sensors = ap.sensors
-        if sensors is not None and sensors[0] & PREARM_CHECK and not sensors[2] & PREARM_CHECK and not ap.armed:
+        # PX4 sets the health bit alone; ArduPilot calls the check present, too.
+        tells = sensors is not None and (ap.kind == enums.MAV_AUTOPILOT_PX4 or sensors[0] & PREARM_CHECK)
+        if tells and sensors is not None and not sensors[2] & PREARM_CHECK and not ap.armed:
             yield Finding(
                 Severity.WARNING,
                 "pre-arm",

@@ -24,6 +24,7 @@ class Autopilot:
 
     def __init__(self, config: StubConfig, dt_s: float) -> None:
         self.config = config
+        self._compass_errs = config.compass_error_rad != 0.0 or config.compass_wobble_rad != 0.0
         self.params = Parameters(config.airframe == "fixed_wing", config.params)
         self.fixed_wing = config.airframe == "fixed_wing"
         self.mav_type = MAV_TYPE_FIXED_WING if self.fixed_wing else MAV_TYPE_QUADROTOR
@@ -63,7 +64,7 @@ class Autopilot:
         self.boot_ms = self.boot_us // 1000
         self.wind_n, self.wind_e = wind_n, wind_e
         self.commander.update(now_s, self.vehicle.h <= 0.0)
-        if isinstance(self.pilot, MultirotorPilot):
+        if self._compass_errs and isinstance(self.pilot, MultirotorPilot):
             self.pilot.yaw_error_rad = self.yaw_estimate() - self.vehicle.yaw
         self.pilot.step(now_s, wind_n, wind_e)
 
@@ -88,7 +89,7 @@ class Autopilot:
     def yaw_estimate(self) -> float:
         """Return the yaw that the autopilot believes [rad, clockwise from north]: the compass may be wrong."""
         c, yaw = self.config, self.vehicle.yaw
-        if c.compass_error_rad == 0.0 and c.compass_wobble_rad == 0.0:
+        if not self._compass_errs:
             return yaw
         return wrap(yaw + c.compass_error_rad + c.compass_wobble_rad * math.sin(yaw))
 

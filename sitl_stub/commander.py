@@ -150,6 +150,12 @@ class Commander:
         return UNINIT if self.disarmed_by_failsafe or self._now_s < self.ready_s else STANDBY
 
     @property
+    def checks_pass(self) -> bool:
+        """Whether PX4's checks pass, which SYS_STATUS shows: ready, and not in a stick mode without sticks."""
+        stickless = self.mode in STICK_MODES and not self.sticks_ok(self._now_s)
+        return self._now_s >= self.ready_s and not self.disarmed_by_failsafe and not stickless
+
+    @property
     def landed(self) -> bool:
         """Whether the land detector says so."""
         return not math.isinf(self._landed_s)

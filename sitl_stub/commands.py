@@ -15,7 +15,7 @@ from sitl_stub.link import Link
 from sitl_stub.modes import Mode, mode_of, shown_modes, title_of
 from sitl_stub.streams import BUILDERS
 from sitl_stub.wire import Message
-from sitl_stub.world import HOME_AMSL_M
+from sitl_stub.world import HOME_AMSL_M, north_east_m
 
 if TYPE_CHECKING:
     from sitl_stub.stub import Stub
@@ -38,7 +38,9 @@ def take(stub: Stub, link: Link, message: Message, command: int, p: Params) -> N
         _request_mode(stub, link, message, command, mode)
     elif command in MODE_COMMANDS:
         if command == 22:
-            stub.autopilot.pilot.takeoff_height_m = p[6] - HOME_AMSL_M
+            stub.autopilot.pilot.take_off_to(p[6] - HOME_AMSL_M)
+        elif command == 192:
+            stub.autopilot.pilot.go_to(*_place(p))
         _request_mode(stub, link, message, command, MODE_COMMANDS[command])
     elif command in _BY_COMMANDER:
         _ack(stub, link, message, command, _BY_COMMANDER[command](stub, p), COMMANDER_DELAY_S)
@@ -46,6 +48,13 @@ def take(stub: Stub, link: Link, message: Message, command: int, p: Params) -> N
         _ack(stub, link, message, command, _BY_RECEIVER[command](stub, link, p))
     else:
         _ack(stub, link, message, command, UNSUPPORTED)
+
+
+def _place(p: Params) -> tuple[float, float, float]:
+    """Return north, east, height [m] of DO_REPOSITION; NaN: as it is."""
+    if not (abs(p[4]) <= 90.0 and abs(p[5]) <= 180.0):
+        return math.nan, math.nan, p[6] - HOME_AMSL_M
+    return (*north_east_m(p[4], p[5]), p[6] - HOME_AMSL_M)
 
 
 def set_mode(stub: Stub, link: Link, message: Message, custom_mode: int) -> None:

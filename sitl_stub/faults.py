@@ -136,6 +136,10 @@ class Timeline:
         self.faults = faults
         self._changes = sorted(changes, key=lambda c: (c[0], c[2], c[1]))
         self._next = 0
+        self.next_s = self._next_change_s()
+
+    def _next_change_s(self) -> float:
+        return self._changes[self._next][0] - 1e-9 if self._next < len(self._changes) else math.inf
 
     def until(self, now_s: float) -> list[tuple[Fault, bool]]:
         """Return the faults that began (True) or ended (False) by now_s since the last call."""
@@ -144,6 +148,7 @@ class Timeline:
             _, _, begins, fault = self._changes[self._next]
             found.append((fault, begins))
             self._next += 1
+        self.next_s = self._next_change_s()
         return found
 
 

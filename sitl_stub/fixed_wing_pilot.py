@@ -44,10 +44,11 @@ class FixedWingPilot:
         self.sticks = (0.0, 0.0, 0.0, 0.0)
         self.local_n, self.local_e, self.local_h = vehicle.n, vehicle.e, 0.0
         self.home_n, self.home_e = vehicle.n, vehicle.e
-        self.takeoff_height_m = math.nan
+        self._takeoff_height_m = math.nan
         self._airspeed_scale = airspeed_scale  # what the sensor shows / what is true
         self._mode = commander.mode
         self._entered_s = 0.0
+        self._wanted: tuple[float, float, float] | None = None  # by DO_REPOSITION
         self._centre = (vehicle.n, vehicle.e)
         self._height = vehicle.h
         self._course = vehicle.yaw
@@ -58,6 +59,23 @@ class FixedWingPilot:
     def begin_in_hold(self) -> None:
         """Loiter from where it starts in the air."""
         self._enter(self._mode, 0.0)
+
+    def go_to(self, north_m: float, east_m: float, height_m: float) -> None:
+        """Loiter somewhere else; NaN: as it is. It does so from the next step on if the mode is Hold by then."""
+        self._wanted = (north_m, east_m, height_m)
+
+    def _go_to_wanted(self) -> None:
+        assert self._wanted is not None
+        north_m, east_m, height_m = self._wanted
+        self._wanted = None
+        if math.isfinite(north_m + east_m):
+            self._centre = (north_m, east_m)
+        if math.isfinite(height_m):
+            self._height = height_m
+
+    def take_off_to(self, height_m: float) -> None:
+        """Take off to this height when the mode is Takeoff next; NaN: MIS_TAKEOFF_ALT above here."""
+        self._takeoff_height_m = height_m
 
     def take_setpoint(self, setpoint: Setpoint) -> None:
         """Fly this whenever the mode is OFFBOARD."""
@@ -85,9 +103,9 @@ class FixedWingPilot:
         self._height, self._course = v.h, math.atan2(v.ve, v.vn) if v.airspeed > 2.0 else v.yaw
         self._centre = (v.n, v.e)  # around where it is: it flies out first, as PX4 does
         if mode is Mode.TAKEOFF:
-            asked = self.takeoff_height_m
+            asked = self._takeoff_height_m
             self._height = v.h + float(self.params["MIS_TAKEOFF_ALT"]) if math.isnan(asked) else asked
-            self.takeoff_height_m = math.nan
+            self._takeoff_height_m = math.nan
         elif mode is Mode.RTL:
             self._centre = (self.home_n, self.home_e)
             self._height = max(v.h, float(self.params["RTL_RETURN_ALT"]))
@@ -106,6 +124,8 @@ class FixedWingPilot:
             return self._towards(self._course, 0.0, self._height)
         if mode is Mode.LAND:
             self._height = max(-2.0, self._height - 1.5 * v.dt_s)
+        if self._wanted is not None and mode is Mode.HOLD:
+            self._go_to_wanted()
         return self._circle(*self._centre, self._loiter_radius(), self._height)
 
     def _take_off(self, now_s: float) -> tuple[float, float, float]:
@@ -149,6 +169,9 @@ class FixedWingPilot:
         off_n, off_e = v.n - n, v.e - e
         distance = math.hypot(off_n, off_e)
         if distance < 0.3 * radius:
+            return self._towards(self._course, 0.0, height_m)
+        if distance > 1.5 * radius:
+            self._course = math.atan2(-off_e, -off_n)
             return self._towards(self._course, 0.0, height_m)
         tangent = math.atan2(off_e, off_n) + math.pi / 2  # clockwise
         inwards = math.atan(2.0 * (distance - radius) / radius)

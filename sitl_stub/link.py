@@ -28,6 +28,7 @@ class Link:
         self.way_in = Disturbance(seed, f"{name} in")
         self.way_out = Disturbance(seed, f"{name} out")
         self.now_s = 0.0
+        self.has_late = False  # whether anything is delayed
         self._late: list[tuple[float, int, bool, bytes]] = []  # (due, order, inwards, frame)
         self._order = 0
         self.seen: dict[tuple[int, int], float] = {}  # (sysid, compid) -> last heard [s]
@@ -95,9 +96,6 @@ class Link:
 
     def late(self, now_s: float) -> list[bytes]:
         """Release what was delayed: outward frames are queued, inward ones returned."""
-        self.now_s = now_s
-        if not self._late:
-            return []
         inward: list[bytes] = []
         while self._late and self._late[0][0] <= now_s + 1e-9:
             _, _, inwards, raw = heapq.heappop(self._late)
@@ -105,6 +103,7 @@ class Link:
                 inward.append(raw)
             else:
                 self.queue.append(raw)
+        self.has_late = bool(self._late)
         return inward
 
     def _disturbed(self, frames: list[tuple[float, bytes]], inwards: bool) -> list[bytes]:
@@ -114,6 +113,7 @@ class Link:
                 self.splitter.bad += 1  # spoilt on the way: the checksum tells
             elif delay_s > 0.0:
                 self._order += 1
+                self.has_late = True
                 heapq.heappush(self._late, (self.now_s + delay_s, self._order, inwards, raw))
             elif inwards:
                 now.append(raw)

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator
 from sitl_stub.config import StubConfig
 from sitl_stub.server import Endpoint, Server
 from sitl_stub.stub import Stub
-from sitl_stub.world import Truth
+from sitl_stub.truth import Truth
 
 HOST = "127.0.0.1"
 

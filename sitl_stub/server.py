@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import TextIO
 
 from sitl_stub.stub import Stub
-from sitl_stub.world import Truth
+from sitl_stub.truth import Truth
 
 CATCH_UP = 2.0
 SLICE_S = 0.02  # wall time that one round of the loop may make up for

@@ -1,4 +1,4 @@
-"""What PX4 sends by itself: every stream's fields, and the default rates of each link (PX4.md, section 1).
+"""What PX4 sends by itself: every stream's fields (PX4.md, section 1); rates.py says how often.
 
 A builder takes the stub's autopilot and returns the fields in the order of the XML declaration.
 """
@@ -10,7 +10,6 @@ from collections.abc import Callable
 from math import floor
 from typing import TYPE_CHECKING, Any
 
-from sitl_stub.commander import UNINIT
 from sitl_stub.kinematics import G, wrap
 from sitl_stub.modes import AUTO_MODES, Mode, base_mode_of
 from sitl_stub.sensors import ZERO4
@@ -23,21 +22,6 @@ NAN = math.nan
 HEARTBEAT, CURRENT_MODE = 0, 436
 # Upper triangles of 6 x 6 matrices with something on the diagonal.
 COVARIANCE = tuple(0.08 if i in (0, 6, 11, 15, 18, 20) else 0.0 for i in range(21))
-
-# Rates on the onboard link [Hz] as measured.
-ONBOARD_HZ: dict[int, float] = {
-    30: 99.5, 31: 49.8, 105: 49.8, 33: 49.8, 32: 29.9, 331: 29.9,
-    111: 9.95, 141: 9.95, 132: 9.95, 83: 9.95, 85: 9.95, 87: 9.95, 36: 9.95, 74: 9.95,
-    24: 8.0, 245: 5.0, 1: 5.0,
-    0: 1.0, 42: 1.0, 230: 1.0, 12901: 1.0, 12904: 1.0, 4: 1.0, 29: 1.0, 2: 1.0, 8: 1.0,
-    147: 0.5, 436: 0.5, 242: 0.5, 241: 0.5, 380: 0.5, 411: 1 / 3,
-}  # fmt: skip
-FIXED_WING_HZ: dict[int, float] = {62: 9.95, 231: 9.95}  # besides
-GCS_HZ: dict[int, float] = {
-    30: 15.0, 33: 5.0, 32: 1.0, 141: 1.0, 132: 0.5, 83: 2.0, 85: 1.5, 36: 1.0, 74: 4.0,
-    24: 1.0, 245: 1.0, 1: 1.0, 0: 1.0, 42: 0.5, 230: 0.5, 4: 0.1, 2: 1.0, 8: 1.0,
-    147: 0.5, 436: 0.5, 242: 0.5, 241: 0.1, 411: 1 / 3,
-}  # fmt: skip
 
 
 def attitude(a: Autopilot) -> tuple[Any, ...]:
@@ -142,16 +126,34 @@ def extended_sys_state(a: Autopilot) -> tuple[Any, ...]:
     return 0, 1 if a.commander.landed else 2
 
 
-# As a PX4 on the ground that is ready shows them.
-SENSORS_PRESENT, SENSORS_ENABLED, SENSORS_HEALTHY = 33570863, 33636399, 320915519
-GPS_SENSOR, PREARM_CHECK = 0x20, 0x10000000
+# As PX4 shows them: the pre-arm check is never "present", only healthy or not.
+SENSORS_PRESENT, SENSORS_ENABLED, SENSORS_HEALTHY = 0x0200402F, 0x0201402F, 0x1320C83F
+GPS_SENSOR, AIRSPEED_SENSOR, PREARM_CHECK = 0x20, 0x10, 0x10000000
 
 
 def sys_status(a: Autopilot) -> tuple[Any, ...]:
     healthy = SENSORS_HEALTHY if a.commander.position_ok else SENSORS_HEALTHY & ~GPS_SENSOR
-    if a.commander.system_status == UNINIT:
+    if not a.commander.checks_pass:
         healthy &= ~PREARM_CHECK
-    return SENSORS_PRESENT, SENSORS_ENABLED, healthy, 96, 16193, -100, 100, 0, 0, 0, 0, 0, 0, 0, 0, 0
+    airspeed = AIRSPEED_SENSOR if a.fixed_wing else 0
+    return (
+        SENSORS_PRESENT | airspeed,
+        SENSORS_ENABLED | airspeed,
+        healthy,
+        96,
+        16193,
+        -100,
+        100,
+        0,
+        0,
+        0,
+        0,
+        0,
+        0,
+        0,
+        0,
+        0,
+    )
 
 
 def heartbeat(a: Autopilot) -> tuple[Any, ...]:

@@ -15,11 +15,12 @@ from sitl_stub.devices import DEVICES
 from sitl_stub.faults import Fault, Timeline
 from sitl_stub.foreign import ForeignVehicle
 from sitl_stub.link import Link
-from sitl_stub.modes import name_of
+from sitl_stub.rates import FIXED_WING_HZ, GCS_HZ, ONBOARD_HZ
 from sitl_stub.sensors import DISTANCE_SENSOR, Radio, distance_fields
 from sitl_stub.signing import Signer
-from sitl_stub.streams import BUILDERS, CONDITIONS, CURRENT_MODE, FIXED_WING_HZ, GCS_HZ, HEARTBEAT, ONBOARD_HZ
-from sitl_stub.world import Truth, World
+from sitl_stub.streams import BUILDERS, CONDITIONS, CURRENT_MODE, HEARTBEAT
+from sitl_stub.truth import Truth, truth_of
+from sitl_stub.world import World
 
 AUTOPILOT = 1  # component id
 STATUSTEXT, TEXT_LENGTH = 253, 50
@@ -68,6 +69,9 @@ class Stub:
         if link == "device":
             return  # devices are not listened to
         where = self.links[link]
+        if where.splitter.idle and not where.way_in.active and wire.whole(data):
+            self._take_frame(where, data)  # one frame in one datagram, as nearly always
+            return
         for raw in where.splitter.feed(data):
             for arrived in where.accept(raw):
                 self._take_frame(where, arrived)
@@ -89,32 +93,7 @@ class Stub:
 
     def truth(self) -> Truth:
         """Return where everything really is."""
-        v, commander, t_s = self.autopilot.vehicle, self.autopilot.commander, self.now_s
-        beacon_n, beacon_e, beacon_h = self.world.beacon(t_s)
-        return Truth(
-            t_s=t_s,
-            east_m=v.e,
-            north_m=v.n,
-            height_m=v.h,
-            heading_rad=_from_east(v.yaw),
-            course_rad=math.atan2(v.vn, v.ve),
-            speed_m_s=math.hypot(v.vn, v.ve),
-            climb_m_s=v.vu,
-            airspeed_m_s=self.autopilot.airspeed(),
-            turn_rate_rad_s=-v.yaw_rate,
-            roll_rad=v.roll,
-            pitch_rad=v.pitch,
-            beacon_east_m=beacon_e,
-            beacon_north_m=beacon_n,
-            beacon_height_m=beacon_h,
-            range_m=self.world.range_and_rate(t_s, v)[0],
-            horizontal_range_m=math.hypot(beacon_n - v.n, beacon_e - v.e),
-            wind_east_m_s=self.world.wind_e,
-            wind_north_m_s=self.world.wind_n,
-            mode=name_of(commander.mode),
-            armed=commander.armed,
-            failsafe=commander.failsafe,
-        )
+        return truth_of(self.autopilot, self.world, self.now_s)
 
     # -- for the protocol handlers and the faults ------------------------------------------------------------------
 
@@ -199,16 +178,20 @@ class Stub:
 
     def _step(self, t_s: float) -> None:
         self.now_s = t_s
-        for fault, begins in self._timeline.until(t_s):
-            happenings.happen(self, fault, begins)
+        if t_s >= self._timeline.next_s:
+            for fault, begins in self._timeline.until(t_s):
+                happenings.happen(self, fault, begins)
         world, autopilot = self.world, self.autopilot
-        world.step()
+        if world.gusty:
+            world.step()
         autopilot.step(t_s, world.wind_n, world.wind_e)
         if self.radio is not None and (t_s >= self.radio.due_s or t_s >= self._next_radio_heartbeat_s):
             self._range(self.radio, t_s)
         for link in self._vehicle_links:
-            for raw in link.late(t_s):
-                self._take_frame(link, raw)
+            link.now_s = t_s
+            if link.has_late:
+                for raw in link.late(t_s):
+                    self._take_frame(link, raw)
         for foreigner in self.foreigners.values():
             foreigner.step(t_s, self.links["offboard"])
         if t_s < self._down_until_s:
@@ -280,8 +263,3 @@ class Stub:
         for link in self._vehicle_links:
             if link.intervals_s.get(CURRENT_MODE, math.inf) <= MODE_LEAST_S:
                 self.send(link, CURRENT_MODE, BUILDERS[CURRENT_MODE](self.autopilot))
-
-
-def _from_east(compass_rad: float) -> float:
-    angle = math.pi / 2 - compass_rad
-    return math.atan2(math.sin(angle), math.cos(angle))

@@ -180,6 +180,11 @@ class Splitter:
         self._rest = b""
         self.bad = 0
 
+    @property
+    def idle(self) -> bool:
+        """Whether nothing unfinished is kept."""
+        return not self._rest
+
     def feed(self, data: bytes) -> Iterator[bytes]:
         """Yield every complete frame with a right checksum; keep an unfinished tail for the next call."""
         buffer = self._rest + data if self._rest else data

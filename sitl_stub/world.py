@@ -1,10 +1,9 @@
-"""What is around the vehicle: the beacon, the air, the globe, and the truth that tests compare with."""
+"""What is around the vehicle: the beacon, the air, the globe."""
 
 from __future__ import annotations
 
 import math
 import random
-from dataclasses import dataclass
 from typing import Protocol
 
 from sitl_stub.config import StubConfig
@@ -13,39 +12,6 @@ EARTH_RADIUS_M = 6371000.0
 HOME_LAT_DEG, HOME_LON_DEG, HOME_AMSL_M = 47.397742, 8.545594, 489.4  # where PX4's simulation stands
 _M_PER_DEG_LAT = math.radians(EARTH_RADIUS_M)
 _M_PER_DEG_LON = _M_PER_DEG_LAT * math.cos(math.radians(HOME_LAT_DEG))
-
-
-@dataclass(frozen=True, slots=True)
-class Truth:
-    """Where everything really is at t_s [s since boot].
-
-    East, north [m] from the world's origin; height_m above ground. heading_rad and course_rad count counter-clockwise
-    from east; turn_rate_rad_s is that of the nose, + counter-clockwise. speed_m_s is the horizontal ground speed.
-    range_m is the slant range to the beacon.
-    """
-
-    t_s: float
-    east_m: float
-    north_m: float
-    height_m: float
-    heading_rad: float
-    course_rad: float
-    speed_m_s: float
-    climb_m_s: float
-    airspeed_m_s: float
-    turn_rate_rad_s: float
-    roll_rad: float
-    pitch_rad: float
-    beacon_east_m: float
-    beacon_north_m: float
-    beacon_height_m: float
-    range_m: float
-    horizontal_range_m: float
-    wind_east_m_s: float
-    wind_north_m_s: float
-    mode: str
-    armed: bool
-    failsafe: bool
 
 
 class Mover(Protocol):
@@ -68,18 +34,18 @@ class World:
         self._gust_keep = math.exp(-dt_s / config.gust_tau_s)
         self._gust_kick = config.gust_sigma_m_s * math.sqrt(1.0 - self._gust_keep**2)
         self._gust_n = self._gust_e = 0.0
+        self.gusty = self._gust_kick > 0.0  # whether there is anything to step
         self._steady_n, self._steady_e = config.wind_north_m_s, config.wind_east_m_s
         self.wind_n, self.wind_e = self._steady_n, self._steady_e
         self._beacon_n, self._beacon_e, self._beacon_s = config.beacon_north_m, config.beacon_east_m, 0.0
 
     def step(self) -> None:
         """Carry the gusts (a first-order process in each axis) over one step."""
-        if self._gust_kick:
-            gauss = self._random.gauss
-            self._gust_n = self._gust_n * self._gust_keep + self._gust_kick * gauss(0.0, 1.0)
-            self._gust_e = self._gust_e * self._gust_keep + self._gust_kick * gauss(0.0, 1.0)
-            self.wind_n = self._steady_n + self._gust_n
-            self.wind_e = self._steady_e + self._gust_e
+        gauss = self._random.gauss
+        self._gust_n = self._gust_n * self._gust_keep + self._gust_kick * gauss(0.0, 1.0)
+        self._gust_e = self._gust_e * self._gust_keep + self._gust_kick * gauss(0.0, 1.0)
+        self.wind_n = self._steady_n + self._gust_n
+        self.wind_e = self._steady_e + self._gust_e
 
     def set_wind(self, east_m_s: float, north_m_s: float) -> None:
         """Change the steady wind; gusts go on around it."""

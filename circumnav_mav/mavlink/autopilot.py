@@ -50,7 +50,7 @@ class VehicleState(NamedTuple):
     north_m: float = nan  # in the autopilot's local frame
     east_m: float = nan
     down_m: float = nan
-    in_air: bool = False  # armed, and known to be off the ground
+    in_air: bool = False  # armed, off the ground, and done with taking off
 
 
 class Autopilot:
@@ -68,6 +68,8 @@ class Autopilot:
         self.armed = False
         self.system_status = 0
         self.in_air: bool | None = None
+        self.aloft = False
+        """In the air, and done with taking off."""
         self.attitude_s = nan
         self.roll_rad = self.pitch_rad = self.yaw_rad = self.yaw_rate_rad_s = nan
         """MAVLink's own signs: yaw clockwise from north; the rate is the heading's, + clockwise."""
@@ -202,9 +204,10 @@ class Autopilot:
         self.height.take("GLOBAL_POSITION_INT", self.height_m, now_s, on_ground=not self.armed)
 
     def _vfr_hud(self, fields: Any, now_s: float) -> None:
-        if not sane(fields.airspeed, fields.alt, fields.climb):
+        if not sane(fields.alt, fields.climb):
             return
-        self.airspeed_m_s = fields.airspeed * true_per_calibrated(fields.alt)
+        # NaN from a plane without the sensor: the rest of the message counts all the same.
+        self.airspeed_m_s = fields.airspeed * true_per_calibrated(fields.alt) if sane(fields.airspeed) else nan
         self.throttle = fields.throttle / 100.0
         self.height.take("VFR_HUD", fields.alt, now_s, on_ground=not self.armed)
         if not now_s - self.climb_s < 1.0 or self.climb_s == self.hud_s:  # no better one
@@ -219,11 +222,14 @@ class Autopilot:
         flags = self.estimator_flags
         if flags is None:
             return True
-        if flags & STANDS_STILL_FLAG:
-            return False
-        return bool(flags & (VELOCITY_FLAG if what == "velocity" else POSITION_FLAGS))
+        position = bool(flags & POSITION_FLAGS)
+        if what == "position":
+            return position
+        # PX4 shows the last flag on the ground with GPS, too: only without a position is the velocity made up.
+        return bool(flags & VELOCITY_FLAG) and (position or not flags & STANDS_STILL_FLAG)
 
     def _extended_state(self, fields: Any, now_s: float) -> None:
+        self.aloft = fields.landed_state == enums.MAV_LANDED_STATE_IN_AIR
         if fields.landed_state != enums.MAV_LANDED_STATE_UNDEFINED:
             self.in_air = fields.landed_state != enums.MAV_LANDED_STATE_ON_GROUND
 
@@ -277,7 +283,7 @@ class Autopilot:
             north,
             east,
             down,
-            self.armed and self.in_air is True,
+            self.armed and self.aloft,
         )
 
 

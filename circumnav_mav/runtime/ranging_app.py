@@ -21,7 +21,8 @@ from circumnav_mav.types import RangeSample
 
 REFRESH_S = 0.25
 HEARTBEAT_S = 1.0
-COMPANION = (1, 191)
+LISTENER = (1, 192)
+"""MAV_COMP_ID_ONBOARD_COMPUTER2: a flight that goes on meanwhile must not take this for a rival with its own ids."""
 
 
 class RangingApp:
@@ -32,7 +33,7 @@ class RangingApp:
         self.feed = RangeFeed(config.ranging)
         self.feed.on_vehicle(None, moving=False)  # on the bench a range may stand still
         self.monitor = Monitor(self.feed.counts, clock.now())
-        self.ranges_m: list[float] = []
+        self.samples: list[RangeSample] = []
         self._told: set[str] = set()
         self._stopped = asyncio.Event()
         self._packer: Packer | None = None
@@ -44,7 +45,7 @@ class RangingApp:
         else:
             self._link = open_link(parse(config.vehicle.link))
         if self._link.endpoint.kind == "udpout" and self.feed.messages:  # nobody answers who was never called
-            self._packer = Packer(*COMPANION, self._signer)
+            self._packer = Packer(*LISTENER, self._signer)
 
     async def run(self) -> Status:
         """Listen to the end; return the last figures."""
@@ -79,7 +80,7 @@ class RangingApp:
         for result in results:
             self.monitor.add(result, now_s)
             if isinstance(result, RangeSample):
-                self.ranges_m.append(result.range_m)
+                self.samples.append(result)
             elif result.reason not in self._told:
                 self._told.add(result.reason)
                 self._view.event(now_s, f"rejected, {result.reason}: {result.detail}")

@@ -7,11 +7,13 @@ from math import inf
 from pathlib import Path
 
 from circumnav_mav.config import Config
+from circumnav_mav.ranging import replay
 from circumnav_mav.ranging.calibrate import Calibration, calibrate
 from circumnav_mav.runtime.clock import Clock, new_event_loop
 from circumnav_mav.runtime.config_file import write_value
 from circumnav_mav.runtime.ranging_app import RangingApp, summary
 from circumnav_mav.runtime.ranging_view import RangingView
+from circumnav_mav.types import RangeSample
 
 CALIBRATE_S = 30.0
 
@@ -24,9 +26,11 @@ def run_ranging(
     *,
     duration_s: float | None,
     distance_m: float | None,
+    record: Path | None,
 ) -> str:
-    """Listen and say what came; with `distance_m`, write the bias found into `file`. Return what went wrong, or "".
+    """Listen and say what came; `record`: keep the ranges there, as the source replay reads them.
 
+    With `distance_m` [m], write the bias that is found into the configuration, `file`. Return what went wrong, or "".
     Raises LinkError where the link cannot be opened.
     """
     clock = Clock()
@@ -41,16 +45,28 @@ def run_ranging(
         loop.close()
     for line in summary(status, clock.now(), app.hint()):
         say(line)
+    if record is not None and (problem := _record(app.samples, record, say)):
+        return problem
     if distance_m is None:
         return "" if status.accepted else "no range could be used"
     found = calibrate(
-        app.ranges_m,
+        [sample.range_m for sample in app.samples],
         distance_m,
         resolution_m=app.feed.source.resolution_m,
         current_bias_m=config.ranging.bias_m,
     )
     say(f"calibrated {found.verdict()}")
     return _write(found, file, say)
+
+
+def _record(samples: list[RangeSample], path: Path, say: Callable[[str], None]) -> str:
+    lines = [replay.HEADER, *(replay.row(sample) for sample in samples)]
+    try:
+        path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    except OSError as error:
+        return f"cannot write {path}: {error.strerror or error}"
+    say(f"recorded   {len(samples)} ranges in {path}")
+    return ""
 
 
 def _write(found: Calibration, file: Path, say: Callable[[str], None]) -> str:

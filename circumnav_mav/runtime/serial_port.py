@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -71,6 +72,8 @@ class SerialLink(StreamLink):
             )
         except (OSError, ValueError) as error:  # SerialException is an OSError
             raise LinkError(f"{self.endpoint}: {_why(self.endpoint, error)}") from error
+        with suppress(ValueError, NotImplementedError):  # FTDI adapters hold bytes back for 16 ms unless told not to
+            port.set_low_latency_mode(True)
         return SerialChannel(port, self._baud)
 
     def _try(self) -> None:

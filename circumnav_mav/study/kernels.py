@@ -9,6 +9,7 @@ cache looks at one file only and would run an old callee after an edit.
 from __future__ import annotations
 
 import contextlib
+import functools
 import hashlib
 import types
 from collections.abc import Callable, Iterator, Mapping
@@ -84,8 +85,14 @@ def _twin(kernel: Callable[..., Any], replaced: Mapping[str, Any]) -> Callable[.
 
 
 def _digest(names: str) -> str:
-    digest = hashlib.sha256(names.encode())
+    return hashlib.sha256(names.encode() + _sources(PACKAGE)).hexdigest()[:16]
+
+
+@functools.cache
+def _sources(package: Path) -> bytes:
+    """Return the digest of the sources as first seen: an edit must not change the key of a running process."""
+    digest = hashlib.sha256()
     for folder in ("guidance", "study"):
-        for path in sorted((PACKAGE / folder).rglob("*.py")):
+        for path in sorted((package / folder).rglob("*.py")):
             digest.update(path.read_bytes())
-    return digest.hexdigest()[:16]
+    return digest.digest()

@@ -234,12 +234,12 @@ def test_the_sigma_of_range_covers_the_error(name):
     kernels = ESTIMATORS[name]
     par = kernels.parameters({}, CONTEXT)
     ratios = []
-    for seed in range(30):
+    for seed in range(15):
         world = World(seed)
         world.w, world.s = np.zeros(2), 0.0
         bank, mem = kernels.begin(par), Memory()
         moved = Moved(0.0, 0.0, 0.0, 0.0, 15.0, 0.0, world.psi)
-        for _ in range(400):
+        for _ in range(300):
             mem = kernels.observe(bank, mem, moved, world.reading(), par)
             r = np.hypot(*world.p)
             moved = world.step()

@@ -56,9 +56,9 @@ def test_on_the_circle_the_turn_is_that_of_the_circle(name):
 @pytest.mark.parametrize("name", LAWS)
 def test_every_law_reaches_its_circle_from_anywhere(name, mirrored):
     draw = random.Random(7)
-    for _ in range(4):
+    for _ in range(2):
         start = (draw.uniform(-200, 200), draw.choice((-1, 1)) * draw.uniform(80, 200), draw.uniform(-3, 3))
-        last = fly(name, start, 150.0, mirrored=mirrored)[-1500:]
+        last = fly(name, start, 120.0, mirrored=mirrored)[-1000:]
         assert max(abs(r - R_A) for r in last) < 0.06 * R_A, f"seed 7, start {start}"
 
 
@@ -102,9 +102,9 @@ def test_far_away_the_run_in_is_the_tangent_of_the_circle():
 @pytest.mark.parametrize("drift", [(4.0, 0.0), (-2.0, 5.0)])
 @pytest.mark.parametrize("lag_s", [0.0, 0.5])
 def test_wind_does_not_move_the_circle_of_the_tangent_law(drift, lag_s):
-    ranges = fly("tangent", (-200.0, 40.0, 0.0), 150.0, drift=drift, lag_s=lag_s)
+    ranges = fly("tangent", (-150.0, 40.0, 0.0), 80.0, drift=drift, lag_s=lag_s)
     # Without the lag only the 50 Hz hold is left; with it, the third derivative that is not fed forward.
-    assert max(abs(r - R_A) for r in ranges[-3000:]) < (0.25 if lag_s == 0.0 else 0.6)
+    assert max(abs(r - R_A) for r in ranges[-2000:]) < (0.25 if lag_s == 0.0 else 0.6)
 
 
 def test_on_the_circle_in_wind_the_turn_is_the_derivative_of_the_heading():
@@ -137,6 +137,14 @@ def test_the_entry_keeps_the_least_range_where_a_turn_can(start):
         turns.append(abs(math.hypot(cx, cy) - R))
     assert max(turns) > r_min, "the case must be one that can be flown"
     assert min(fly("tangent", start, 60.0, r_min=r_min)) > 0.95 * min(r_min, max(turns))
+
+
+@pytest.mark.parametrize("r_min", [math.nan, 40.0])
+@pytest.mark.parametrize("r", [62.0, 70.0, 85.0, 110.0])
+def test_a_vehicle_that_circles_the_wrong_way_turns_round(r, r_min):
+    """Seen in flight: at the edge between two sides of a turn the choice chattered, and the circle went on for ever."""
+    last = fly("tangent", (r, 0.0, 0.5 * math.pi), 60.0, lag_s=0.5, r_min=r_min)[-500:]
+    assert max(abs(e - R_A) for e in last) < 0.5
 
 
 def test_the_least_range_of_a_turn_is_that_of_the_flown_turn():

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from circumnav_mav.config import ConfigError, parse
 from circumnav_mav.endpoint import parse as parse_endpoint
 from circumnav_mav.range_feed import RangeFeed
 from circumnav_mav.ranging import SOURCES, ByteSource
+from circumnav_mav.runtime.demo import demo_config
 
 SERIAL = "serial:///dev/ttyUSB0:115200"
 NEEDED = {"lines": "pattern: 'D=(?P<range>[0-9.]+)'"}
@@ -107,9 +110,26 @@ def test_a_message_source_takes_no_options_of_another():
         ("ranging: {source: linktrack, endpoint: 'file://a.csv'}", "read by the source replay"),
         ("vehicle: {link: 'file://a.tlog'}", "no link to an autopilot"),
         ("ranging: {min_m: 5, max_m: 3}", "not below"),
+        ("ranging: {endpoint: 'udpin:0.0.0.0:14540'}", "is vehicle.link"),
         ("ranging: {min_quality_pct: 120}", "100"),
         ("ranging: {stuck_s: -1}", "0"),
     ],
 )
 def test_what_does_not_fit_together_is_said(text, words):
     assert any(words in line for line in faults(text)), faults(text)
+
+
+@settings(deadline=None)
+@given(st.text(st.sampled_from("serialudptcpnouf:/.,0123456789-[]COM \n"), max_size=40) | st.text(max_size=20))
+def test_any_text_is_an_endpoint_that_reads_back_or_an_error_in_one_line(text):
+    try:
+        endpoint = parse_endpoint(text)
+    except ValueError as error:
+        assert "\n" not in str(error)
+    else:
+        assert parse_endpoint(str(endpoint)) == endpoint
+
+
+def test_the_demo_flies_the_stubs_radio_whatever_the_file_names():
+    ranging = demo_config(parse(f"ranging: {{source: linktrack, endpoint: '{SERIAL}', bias_m: 0.2}}")).ranging
+    assert (ranging.source, ranging.endpoint, ranging.bias_m) == ("distance_sensor", None, 0.2)

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import asyncio
+import contextlib
 import io
 import random
+import socket
 
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
@@ -16,13 +19,24 @@ from tests.links.fake_loop import Cable
 
 
 class Clock:
+    """Time as the test sets it, or so much later each time it is asked."""
+
     speed = 1.0
 
-    def __init__(self) -> None:
-        self.now_s = 0.0
+    def __init__(self, step_s: float = 0.0) -> None:
+        self.now_s, self._step_s = 0.0, step_s
 
     def now(self) -> float:
+        self.now_s += self._step_s
         return self.now_s
+
+
+class Quiet:
+    def show(self, now_s, status, hint) -> None: ...
+
+    def event(self, now_s, text) -> None: ...
+
+    def close(self) -> None: ...
 
 
 class Bench:
@@ -80,7 +94,7 @@ def test_messages_are_accepted_and_rejected_by_reason(bench):
     status = b.status
     assert (status.accepted, status.rejected) == (50, {"wrong_source": 50})
     assert status.rate_hz == pytest.approx(10.0, rel=0.05)
-    assert b.app.ranges_m == [100.0 + i for i in range(50)]
+    assert [sample.range_m for sample in b.app.samples] == [100.0 + i for i in range(50)]
     assert b.app.hint() == ""
     assert b.out.getvalue().count("rejected, wrong_source") == 1  # told once, with the detail
 
@@ -161,3 +175,27 @@ def test_the_views_draw_every_state(bench):
     assert len(shown) == 3  # one a second, from the first second on
     assert "nothing is heard" in shown[0] and "10.0 Hz" not in shown[0]
     assert "accepted" in shown[-1]
+
+
+def test_it_calls_where_nobody_answers_uncalled_and_says_nothing_but_that_it_is_there():
+    """On udpout a heartbeat, under ids that no flight has; on udpin not one byte."""
+    peer = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    peer.bind(("127.0.0.1", 0))
+    peer.settimeout(5.0)
+    place = f"127.0.0.1:{peer.getsockname()[1]}"
+    asyncio.run(RangingApp(parse(f"vehicle: {{link: 'udpout://{place}'}}"), Clock(0.3), Quiet(), 3.0).run())
+    heard = []
+    peer.settimeout(0.05)
+    with contextlib.suppress(TimeoutError):
+        while True:
+            heard.append(mavlink.MAVLink(None).decode(bytearray(peer.recv(1000))))
+    assert {(m.get_type(), m.get_srcComponent(), m.type) for m in heard} == {("HEARTBEAT", 192, 18)}
+    assert 2 <= len(heard) <= 4
+
+    app = RangingApp(parse(MESSAGES), Clock(0.3), Quiet(), 3.0)
+    peer.sendto(distance(100.0), ("127.0.0.1", app._link.port))
+    status = asyncio.run(app.run())
+    assert status.accepted == 1
+    with pytest.raises(TimeoutError):
+        peer.recv(1000)
+    peer.close()

@@ -168,7 +168,7 @@ def test_a_bias_is_measured_and_written_and_nothing_but_listening_is_done(tmp_pa
     path = tmp_path / "c.yaml"
     before = f"# ours\nranging:\n  source: linktrack   # the tag\n  endpoint: {cable.path}\n  bias_m: 0.1   # old\n"
     path.write_text(before)
-    app = circumnav(tmp_path, "ranging", "c.yaml", "--calibrate", "10", "--duration", "4")
+    app = circumnav(tmp_path, "ranging", "c.yaml", "--calibrate", "10", "--duration", "4", "--record", "r.csv")
     try:
         tag, noise, n = DEVICES["linktrack"](3), random.Random(4), 0
         start_s, sent = time.monotonic(), b""
@@ -184,6 +184,8 @@ def test_a_bias_is_measured_and_written_and_nothing_but_listening_is_done(tmp_pa
         assert abs(float(line.split()[1]) - 0.3) < 0.02 and line.endswith("   # old")
         assert path.read_text().replace(line.split()[1], "0.1") == before
         assert sent == b""
+        recorded = [line.split(",") for line in (tmp_path / "r.csv").read_text().splitlines()[1:]]
+        assert len(recorded) >= 50 and all(abs(float(cells[1]) - 10.2) < 0.2 for cells in recorded)  # the old bias off
     finally:
         app.kill()
         app.wait()

@@ -102,6 +102,21 @@ def test_the_pilot_who_took_over_during_the_break_keeps_the_aircraft():
     assert rig.log.ticks[-1].phase == "released" and rig.stub.truth().mode == "AUTO/LOITER"
 
 
+def test_a_request_that_was_under_way_is_not_taken_up_again():
+    rig = BreakableRig(config(orbit={"radius_m": 30.0}), airborne(distance_m=60.0, seed=5))
+    rig.run(20.0, until=lambda: bool(rig.log.sent(rig.now_s - 0.1)))
+    rig.flight.link.authority.ask(rig.now_s)
+    rig.break_link()
+    rig.run(0.5)
+    back_s = rig.mend_link()
+    rig.run(10.0)
+    assert commands(rig, 0.0, DO_SET_MODE) == [] and rig.setpoints(back_s) == []
+    assert rig.log.ticks[-1].phase == "released"
+    assert "the link was lost while Offboard was asked for" in [
+        e.text.removeprefix("released: ") for e in rig.flight.events
+    ]
+
+
 def test_streams_are_asked_for_again_and_the_mode_first_of_all():
     rig = in_orbit()
     rig.break_link()

@@ -5,15 +5,19 @@ The errors are the stub's truth, not the app's estimate; the devices' bytes are 
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
+from circumnav_mav.config import load
 from circumnav_mav.flight import RANGING, VEHICLE
 from sitl_stub.devices import DEVICES
 from tests.app.test_table import keep_the_rules
 from tests.links.rig import DeviceRig
 from tests.lockstep import config
 
+ROOT = Path(__file__).parents[2]
 SERIAL = "serial:///dev/ttyUSB0:115200"
 LINES = {"pattern": r"range=(?P<range>\S+) rate=(?P<rate>\S+)"}
 
@@ -69,6 +73,12 @@ def test_flies_on_the_bytes_of(source, device, options):
 def test_flies_on_ranging_beacon_messages(link):
     endpoint = "udpin://0.0.0.0:14560" if link == RANGING else None
     settles(flight(ranging_beacon(), link=link, source="ranging_beacon", endpoint=endpoint, beacon_id=7))
+
+
+def test_the_shipped_serial_companion_flies():
+    settings = load(ROOT / "configs" / "serial_companion.yaml")
+    world = {"distance_m": 90.0, "beacon_height_m": 1.5}
+    settles(DeviceRig(settings, DEVICES["linktrack"](1).encode, sigma_m=0.1, world=world))
 
 
 def test_a_device_that_goes_silent_is_carried_and_then_handed_over():

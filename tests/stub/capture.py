@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import json
 import lzma
-import math
 import sys
 from collections import Counter
 from collections.abc import Iterator
@@ -36,6 +35,7 @@ class Flight:
     heartbeats: list[list[float]]  # t, custom_mode, base_mode, system_status
     acks: list[list[float]]  # t, command, result
     texts: list[tuple[float, str]]
+    sensors: list[str]
     rates_hz: dict[int, float]
     motion: list[list[float]]  # t, x, y, z, vx, vy, vz, roll, pitch, yaw
 
@@ -61,8 +61,9 @@ class Watcher:
         self.acks: list[list[float]] = []
         self.texts: list[tuple[float, str]] = []
         self.counts: Counter[int] = Counter()
+        self.sensors: list[str] = []  # SYS_STATUS present/enabled/health, every change
         self.motion: list[list[float]] = []
-        self._local: Any = None
+        self._local: bytes | None = None
         self._next_s = 0.0
         self._mav = mavlink.MAVLink(None)
         self._mav.robust_parsing = True
@@ -74,23 +75,40 @@ class Watcher:
         msgid = int.from_bytes(raw[7:10], "little")
         if COUNT_S[0] <= t_s < COUNT_S[1]:
             self.counts[msgid] += 1
-        if msgid in (0, 30, 32, 77, 253):
-            self._message(t_s, msgid, self._mav.decode(bytearray(raw)))
+        if msgid == 32:
+            self._local = raw
+        elif msgid == 30:
+            if self._local is not None and t_s >= self._next_s:
+                self._move(t_s, self._decode(raw), self._decode(self._local))
+        elif msgid == 1:
+            m = self._decode(raw)
+            bits = (
+                m.onboard_control_sensors_present,
+                m.onboard_control_sensors_enabled,
+                m.onboard_control_sensors_health,
+            )
+            shown = "/".join(f"{b:08x}" for b in bits)
+            if self.sensors[-1:] != [shown]:
+                self.sensors.append(shown)
+        elif msgid in (0, 77, 253):
+            self._message(t_s, msgid, self._decode(raw))
+
+    def _decode(self, raw: bytes) -> Any:
+        return self._mav.decode(bytearray(raw))
 
     def _message(self, t_s: float, msgid: int, m: Any) -> None:
         if msgid == 0:
             self.heartbeats.append([t_s, m.custom_mode, m.base_mode, m.system_status])
         elif msgid == 77:
             self.acks.append([t_s, m.command, m.result])
-        elif msgid == 253:
+        else:
             self.texts.append((t_s, m.text))
-        elif msgid == 32:
-            self._local = m
-        elif self._local is not None and t_s >= self._next_s:
-            fine = FINE_S[self.name]
-            self._next_s = t_s + (0.015 if fine[0] <= t_s < fine[1] else 0.095)
-            p = self._local
-            self.motion.append([t_s, p.x, p.y, p.z, p.vx, p.vy, p.vz, m.roll, m.pitch, m.yaw])
+
+    def _move(self, t_s: float, attitude: Any, p: Any) -> None:
+        fine = FINE_S[self.name]
+        self._next_s = t_s + (0.015 if fine[0] <= t_s < fine[1] else 0.095)
+        row = [t_s, p.x, p.y, p.z, p.vx, p.vy, p.vz, attitude.roll, attitude.pitch, attitude.yaw]
+        self.motion.append(row)
 
     def rates_hz(self) -> dict[int, float]:
         """Return messages per second by id."""
@@ -111,6 +129,7 @@ def extract(name: str, path: Path, system_id: int) -> None:
         "heartbeats": [[round(h[0], 3), *h[1:]] for h in watcher.heartbeats],
         "acks": [[round(a[0], 4), *a[1:]] for a in watcher.acks],
         "texts": [[round(t, 3), text] for t, text in watcher.texts],
+        "sensors": watcher.sensors,
         "rates_hz": {str(k): round(v, 4) for k, v in watcher.rates_hz().items()},
         "motion": [[round(row[0], 3), *(round(v, 4) for v in row[1:])] for row in watcher.motion],
     }
@@ -128,14 +147,10 @@ def load(name: str) -> Flight:
         heartbeats=shown["heartbeats"],
         acks=shown["acks"],
         texts=[(t, text) for t, text in shown["texts"]],
+        sensors=shown["sensors"],
         rates_hz={int(k): v for k, v in shown["rates_hz"].items()},
         motion=shown["motion"],
     )
-
-
-def finite(value: float) -> bool:
-    """Whether a figure could be measured."""
-    return math.isfinite(value)
 
 
 if __name__ == "__main__":

@@ -58,6 +58,8 @@ def compare(name: str) -> list[Compared]:
     """Return every row of one capture."""
     flight, watcher = load(name), replay(name)
     rows = [*_modes(flight, watcher), *_acks(flight, watcher), *_texts(flight, watcher), *_rates(flight, watcher)]
+    sensors = [" ".join(side.sensors) for side in (flight, watcher)]
+    rows.append(Compared(name, "SYS_STATUS (present/enabled/health)", *sensors, "the same", sensors[0] == sensors[1]))
     return rows + (_quadx(flight, watcher) if name == "quadx" else _airplane(flight, watcher))
 
 
@@ -96,7 +98,14 @@ def _texts(flight: Flight, watcher: Watcher) -> list[Compared]:
         return ["RTL: start return" if t.startswith("RTL: start return") else t for t in joined.split("|") if t]
 
     shown = [", ".join(words(t)) or "none" for t in (flight.texts, watcher.texts)]
-    return [Compared(flight.name, "STATUSTEXT", *shown, "the same", shown[0] == shown[1])]
+    rows = [Compared(flight.name, "STATUSTEXT", *shown, "the same", shown[0] == shown[1])]
+    starts = ("Armed", "Takeoff detected", "Failsafe activated", "RTL")
+    for start in starts if flight.texts else ():
+        times = [
+            next((t for t, text in side if text.startswith(start)), math.nan) for side in (flight.texts, watcher.texts)
+        ]
+        rows.append(_number(flight.name, f"'{start} ...' is said", "s", *times, absolute=0.2))
+    return rows
 
 
 # What PX4 sends besides, rarely or on an event, and the stub does not: COMMAND_LONG (a camera's),

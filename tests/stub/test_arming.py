@@ -210,3 +210,24 @@ def test_z_is_not_zero_on_the_ground() -> None:
     rig = ready(streams=(32, 33))
     assert rig.all("LOCAL_POSITION_NED")[-1].z == pytest.approx(-0.46, abs=0.01)
     assert rig.all("GLOBAL_POSITION_INT")[-1].relative_alt == 0
+
+
+@pytest.mark.parametrize(("airframe", "within_m"), [("multirotor", 0.5), ("fixed_wing", 90.0)])
+def test_reposition_holds_somewhere_else(airframe: str, within_m: float) -> None:
+    """DO_REPOSITION with a place and a height; the airplane circles around it with NAV_LOITER_RAD."""
+    rig = Rig(airframe=airframe, start_height_m=40.0, height_drift_m_s=0.0, streams=(33,))
+    rig.run(1.0)
+    here = rig.all("GLOBAL_POSITION_INT")[-1]
+    rig.send(
+        mavlink.MAVLink_command_int_message(
+            1, 1, 0, 192, 0, 0, -1, 1, 0, math.nan, here.lat + 9000, here.lon, AMSL_M + 55.0
+        )
+    )
+    rig.run(0.1)
+    assert rig.acks(192) == [0]
+    rig.run(90.0)
+    truth = rig.stub.truth()
+    assert rig.mode == "AUTO/LOITER"
+    north_m = 9000e-7 * math.radians(6371000.0) + (0.0 if airframe == "multirotor" else 12.0)
+    assert math.hypot(truth.north_m - north_m, truth.east_m) < within_m
+    assert truth.height_m == pytest.approx(55.0, abs=2.0)

@@ -12,7 +12,8 @@ import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
 from sitl_stub import Stub, StubConfig, wire
-from sitl_stub.streams import BUILDERS, FIXED_WING_HZ, ONBOARD_HZ
+from sitl_stub.rates import FIXED_WING_HZ, ONBOARD_HZ
+from sitl_stub.streams import BUILDERS
 from tests.stub.rig import FAST_STREAMS, HERE, Rig, flying
 from tests.stub.test_override import Station
 

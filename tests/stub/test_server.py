@@ -17,7 +17,7 @@ from pymavlink.dialects.v20 import all as mavlink
 
 from sitl_stub import StubConfig, running
 from sitl_stub.running import free_port
-from sitl_stub.server import Endpoint, PortBusy, Server
+from sitl_stub.server import Endpoint, PortBusy, Pty, Server
 from sitl_stub.stub import Stub
 
 pytest_plugins = ["sitl_stub.pytest"]
@@ -139,3 +139,26 @@ def test_the_clock_follows_the_factor_and_never_jumps() -> None:
         time.sleep(0.25)
         flown_s, taken_s = vehicle.truth().t_s - stalled_s, time.monotonic() - wall_s
     assert 8.0 * taken_s < flown_s <= 2.0 * 8.0 * (taken_s + 0.03)  # one slice of 0.02 s may come at once
+
+
+def test_a_devices_bytes_come_out_of_a_pseudo_terminal() -> None:
+    pty = Pty()
+    stub = Stub(StubConfig(device="lightware", beacon_east_m=42.0, range_sigma_m=0.0, start_height_m=10.0))
+    serial = os.open(pty.name, os.O_RDONLY | os.O_NOCTTY)
+    server = Server(stub, {}, speed=50.0, pty=pty)
+    try:
+        server.run(duration_s=1.0)
+        lines = os.read(serial, 4096).split(b"\r\n")
+    finally:
+        os.close(serial)
+        server.close()
+    assert len(lines) >= 10
+    assert set(lines[:-1]) == {b"43.17"}  # the slant range: 42 m away, 10 m up
+
+
+def test_a_devices_bytes_come_from_a_udp_port(sitl: Any) -> None:
+    vehicle = sitl(device="dwm1001_les", range_beacon_id=0x1234, beacon_east_m=42.0, range_sigma_m=0.0, speed=5.0)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as app:
+        app.bind(("127.0.0.1", vehicle.ranging_port))
+        app.settimeout(5.0)
+        assert app.recv(2048).startswith(b"1234[0.00,0.00,0.00]=42.00")

@@ -54,9 +54,10 @@ def test_the_figures(name):
     check_row(name, RUNS, SEED)
 
 
+@pytest.mark.soak
 def test_polar_makes_the_paper_s_law_smooth():
     pilot = Pilot("hashemi2013", "polar", {"kappa": 10.0})
-    row = compare.row(SCENARIOS["P_calm"], pilot, 60, 1)
+    row = compare.row(SCENARIOS["P_calm"], pilot, RUNS, SEED)
     assert row.tail_ms_m2 <= 0.005
     assert 0.01 * row.u2_ratio <= 0.015
 

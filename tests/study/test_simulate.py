@@ -104,4 +104,6 @@ def test_an_edited_kernel_is_compiled_again(tmp_path, monkeypatch):
     before = kernels._digest("a")
     assert kernels._digest("a") == before != kernels._digest("b")
     (tmp_path / "guidance" / "callee.py").write_text("x = 2")
+    assert kernels._digest("a") == before, "a running process keeps the key of the code that it runs"
+    kernels._sources.cache_clear()
     assert kernels._digest("a") != before

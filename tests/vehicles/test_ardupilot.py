@@ -50,9 +50,9 @@ class Rig:
             now_s = self.vehicle.now_s
             for data in self.vehicle.take():
                 self.flight.receive(data, now_s)
-            now_s, first = self.flight.resume(now_s, lambda: self.vehicle.now_s)
+            now_s = self.flight.resume(now_s, lambda: self.vehicle.now_s)
             frames, record = self.flight.tick(now_s)
-            for frame in first + frames:
+            for frame in frames:
                 self.sent.append((now_s, self.decoder.decode(bytearray(frame))))
                 self.vehicle.receive(frame)
             self.ticks.append(record)

@@ -210,6 +210,33 @@ def test_a_velocity_that_the_estimator_does_not_have_is_said_in_words(flags):
     assert fitness("px4_multirotor_attitude").unfit(autopilot(PX4, QUAD, flags), 1.0) is None
 
 
+@pytest.mark.parametrize(("name", "kind", "vehicle_type"), FITS)
+@pytest.mark.parametrize(
+    "flags", [0x3FF, 0x37F, 0x33F]
+)  # recorded: PX4 on the ground with GPS, and in flight; ArduPilot
+def test_what_an_autopilot_with_a_position_shows_is_fit(name, kind, vehicle_type, flags):
+    assert fitness(name).unfit(autopilot(kind, vehicle_type, flags), 1.0) is None
+
+
+def test_a_plane_without_an_airspeed_sensor_is_not_flown():
+    ap = autopilot(PX4, PLANE)
+    say(ap, "VFR_HUD", airspeed=math.nan)
+    unfit = fitness("px4_fixed_wing").unfit(ap, 1.0)
+    assert unfit is not None
+    assert "airspeed sensor" in unfit.text
+
+
+def test_a_recorded_px4_on_the_ground_is_fit_to_take_off():
+    judge, ap, start_s = fitness("px4_multirotor"), Autopilot(), None
+    for t_s, message in recorded("px4_v1.16.0_quadx_kdv015_offboard.tlog", set(ap.messages)):
+        start_s = start_s or t_s
+        ap.on_message(message, t_s)
+        if t_s - start_s > 8.0:
+            break
+    assert not ap.armed
+    assert judge.unfit(ap, t_s) is None
+
+
 def test_once_fit_it_stays_fit_in_flight():
     judge, ap = fitness("px4_multirotor"), autopilot(PX4, QUAD)
     assert judge.unfit(ap, 1.0) is None

@@ -10,7 +10,7 @@ Covariance: the chain r_ddot = white noise of density `q`, for lags, gusts and s
 from __future__ import annotations
 
 from collections.abc import Mapping
-from math import acos, atan2, cos, exp, hypot, isfinite, isnan, nan, sin, sqrt
+from math import acos, atan2, cos, hypot, isfinite, isnan, log, nan, sin
 from typing import NamedTuple
 
 from circumnav_mav.guidance.estimators.gate import refuse, remember
@@ -27,8 +27,9 @@ from circumnav_mav.guidance.kernel import (
 SLOW_SHARE = 0.7
 SLOW_ACCEL_PER_S = 0.5
 """Acceleration noise while slow, as a share of the nominal speed a second: a multirotor gathers speed in 1 to 2 s."""
-WEIGHT_FLOOR = 1e-3
-"""A side less likely than this starts again from the other one's state."""
+LIKELIER, LOST = 0.4, 7.0
+"""Natural logarithms: how much likelier the wanted side is at the start, and how much less likely a side may become
+before it starts again from the other one's state."""
 
 
 class Parameters(NamedTuple):
@@ -46,7 +47,7 @@ class Side(NamedTuple):
     prr: float
     prv: float
     pvv: float
-    weight: float
+    log_weight: float
     side: float
 
 
@@ -72,7 +73,7 @@ def predict(h: Side, m: Moved, par: Parameters) -> Side:
         prv *= par.V / sqrt(pvv)
         pvv = par.V**2
     side = h.side if sin(theta) * h.side >= 0.0 else -h.side
-    return Side(hypot(x, y), -V * cos(theta) + h.r_dot - v_in, prr, prv, pvv, h.weight, side)
+    return Side(hypot(x, y), -V * cos(theta) + h.r_dot - v_in, prr, prv, pvv, h.log_weight, side)
 
 
 def correct(h: Side, error: float, a: float, b: float, variance: float) -> Side:
@@ -85,18 +86,18 @@ def correct(h: Side, error: float, a: float, b: float, variance: float) -> Side:
         h.prr - gr * gr / s,
         h.prv - gr * gv / s,
         h.pvv - gv * gv / s,
-        h.weight * exp(-0.5 * error * error / s) / sqrt(s),
+        h.log_weight - 0.5 * (error * error / s + log(s)),
         h.side,
     )
 
 
 def best_of(bank: list[Side]) -> int:
-    return 0 if bank[0].weight >= bank[1].weight else 1
+    return 0 if bank[0].log_weight >= bank[1].log_weight else 1
 
 
 def begin(par: Parameters) -> list[Side]:
     """Return a bank that knows nothing."""
-    return [Side(nan, 0.0, nan, 0.0, nan, 0.6, par.side), Side(nan, 0.0, nan, 0.0, nan, 0.4, -par.side)]
+    return [Side(nan, 0.0, nan, 0.0, nan, LIKELIER, par.side), Side(nan, 0.0, nan, 0.0, nan, 0.0, -par.side)]
 
 
 def seed(bank: list[Side], z: Reading, par: Parameters, variance: float) -> None:
@@ -105,20 +106,16 @@ def seed(bank: list[Side], z: Reading, par: Parameters, variance: float) -> None
     A range that moved says nothing of its rate: what was believed stays the best guess.
     """
     v, pvv = (bank[best_of(bank)].r_dot, 0.5 * par.V**2) if isnan(z.r_dot) else (z.r_dot, par.sigma_r_dot**2)
-    bank[0] = Side(z.r, v, variance, 0.0, pvv, 0.6, par.side)
-    bank[1] = Side(z.r, v, variance, 0.0, pvv, 0.4, -par.side)
+    bank[0] = Side(z.r, v, variance, 0.0, pvv, LIKELIER, par.side)
+    bank[1] = Side(z.r, v, variance, 0.0, pvv, 0.0, -par.side)
 
 
 def settle(bank: list[Side]) -> None:
-    """Normalise the weights and re-seed a lost side from the other."""
-    total = bank[0].weight + bank[1].weight
-    for i in range(2):
-        h = bank[i]
-        bank[i] = Side(h.r, h.r_dot, h.prr, h.prv, h.pvv, h.weight / total, h.side)
+    """Re-seed a lost side from the other."""
     i = best_of(bank)
     h = bank[i]
-    if h.side == bank[1 - i].side or bank[1 - i].weight < WEIGHT_FLOOR:
-        bank[1 - i] = Side(h.r, h.r_dot, h.prr, h.prv, h.pvv, WEIGHT_FLOOR, -h.side)
+    if h.side == bank[1 - i].side or bank[1 - i].log_weight < h.log_weight - LOST:
+        bank[1 - i] = Side(h.r, h.r_dot, h.prr, h.prv, h.pvv, h.log_weight - LOST, -h.side)
 
 
 def observe(bank: list[Side], mem: Memory, m: Moved, z: Reading, par: Parameters) -> Memory:

@@ -364,7 +364,8 @@ def observe(bank: list[Drift], mem: Memory, m: Moved, z: Reading, par: Parameter
         bank[i] = use_range(bank[i], z.r, variance, par.gate)
         if not isnan(z.r_dot):
             bank[i] = use_rate(bank[i], z.r_dot, m, par.sigma_r_dot**2, par.gate)
-    merge(bank)
+    if len(bank) > len(STIRS):
+        merge(bank)
     prune(bank)
     twin(bank)
     alarm = smoothed(mem.alarm, min(best_nis, par.gate**2))

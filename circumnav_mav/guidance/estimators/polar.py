@@ -164,7 +164,8 @@ def observe(bank: list[Polar], mem: Memory, m: Moved, z: Reading, par: Parameter
             h = bank[i]
             error = z.r_dot + m.V * cos(h.theta)
             bank[i] = correct(h, error, 0.0, m.V * sin(h.theta), par.sigma_r_dot**2, par.gate)
-    merge(bank)
+    if len(bank) > len(STIRS):
+        merge(bank)
     prune(bank)
     twin(bank)
     alarm = smoothed(mem.alarm, min(best_nis, par.gate**2))

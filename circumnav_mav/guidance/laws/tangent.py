@@ -21,13 +21,17 @@ STEPS = 12
 """Points at which a turn is looked at for its least range."""
 
 
+LONG_TURN, HALF_TURN = 1.0, 2.6
+"""Heading errors, rad, above which the side of the turn is chosen, and above which the turn under way decides it."""
+
+
 class Parameters(NamedTuple):
     r_a: float  # orbit radius, m
     reach: float  # distance constant of the run-in, m
     gain: float  # of the heading error, 1/s
     lag: float  # first-order lag of the turn rate that is fed forward, s
     limit: float  # turn rate that the vehicle can fly, rad/s
-    r_min: float  # least range that a turn may lead to, m
+    r_min: float  # least range that a turn may lead to, m; half of r_a when none is given
 
 
 def run_in(r: float, r_a: float, reach: float) -> tuple[float, float]:
@@ -57,9 +61,8 @@ def heading(px: float, py: float, psi: float, est: Estimate, par: Parameters) ->
 
 def least_range(est: Estimate, turn: float, par: Parameters) -> float:
     """Return the least range [m] over a turn by the angle `turn` at the limit: the drift goes on meanwhile."""
-    R = est.V / par.limit
+    R, roll = est.V / par.limit, par.lag  # straight on for as long as the turn takes to build up
     side = 1.0 if turn > 0.0 else -1.0
-    roll = max(0.0, par.lag * (1.0 - est.u * side / par.limit))  # straight on for as long as the turn takes to build up
     least = est.r
     for i in range(1, STEPS + 1):
         angle = turn * i / STEPS
@@ -70,18 +73,31 @@ def least_range(est: Estimate, turn: float, par: Parameters) -> float:
     return least
 
 
+def turned(error: float, est: Estimate, par: Parameters) -> float:
+    """Return the heading error [rad] taken by the left or by the right, whichever keeps the range.
+
+    A turn that is under way is held to: near half a circle it decides the side, and the room that a turn must leave
+    shrinks with the turn rate that is already there. Without that, the choice can chatter, and the vehicle then circles
+    the wrong way round on the edge between two choices.
+    """
+    other = error - 2.0 * pi if error > 0.0 else error + 2.0 * pi
+    under_way = est.u / par.limit if error > 0.0 else -est.u / par.limit
+    if abs(error) > HALF_TURN and under_way < -0.2:
+        error, other, under_way = other, error, -under_way
+    short = least_range(est, error, par)
+    if short < par.r_min * (1.25 - 0.25 * under_way) and short < est.r and least_range(est, other, par) > short:
+        return other
+    return error
+
+
 def turn_rate(est: Estimate, par: Parameters) -> float:
     """Return u [rad/s, + counter-clockwise] for the clockwise orbit, within the limit."""
     if est.V <= 0.0:
         return 0.0
     wanted, rate = heading(est.px, est.py, est.psi, est, par)
     error = (wanted - est.psi + pi) % (2.0 * pi) - pi
-    if abs(error) > 1.0:  # a long turn: by the side that keeps the range
-        other = error - 2.0 * pi if error > 0.0 else error + 2.0 * pi
-        margin = 1.15 if est.u * error < 0.0 else 1.0  # turning the other way already: only a clear gain turns it back
-        short = least_range(est, error, par)
-        if short < margin * par.r_min and est.r > short and least_range(est, other, par) > short:
-            error = other
+    if abs(error) > LONG_TURN:
+        error = turned(error, est, par)
     h = max(par.lag, 0.1)
     vx, vy = est.V * cos(est.psi) + est.wx, est.V * sin(est.psi) + est.wy
     _, later = heading(est.px - vx * h, est.py - vy * h, est.psi + est.u * h, est, par)
@@ -107,7 +123,7 @@ def parameters(options: Mapping[str, float], context: LawContext) -> Parameters:
             f"the circle asks for a turn rate of {context.V / context.r_a:.3g} rad/s, the vehicle flies {limit:.3g}: "
             "fly slower, or wider"
         )
-    r_min = 0.4 * context.r_a if isnan(context.r_min) else context.r_min
+    r_min = 0.5 * context.r_a if isnan(context.r_min) else context.r_min
     return Parameters(context.r_a, given["reach_s"] * context.V, given["gain_per_s"], lag, limit, r_min)
 
 

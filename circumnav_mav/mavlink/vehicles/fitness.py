@@ -6,7 +6,7 @@ Asked before control can begin, never after: what is lost in flight is dealt wit
 from __future__ import annotations
 
 from collections.abc import Iterable
-from math import nan
+from math import isnan, nan
 from typing import NamedTuple
 
 from circumnav_mav.mavlink.autopilot import Autopilot
@@ -43,6 +43,8 @@ class Fitness:
         if wrong is not None:
             return wrong
         lacks = [*self._missing(ap, now_s), *self._unknown(ap)]
+        if self._vehicle.speed == "air" and heard(ap, "VFR_HUD", now_s) and isnan(ap.airspeed_m_s):
+            lacks.append("no airspeed in VFR_HUD: it needs an airspeed sensor")
         if lacks:
             return Unfit(f"{self._vehicle.name} cannot fly yet: {'; '.join(lacks)}")
         self._fit_for = (ap.sysid, ap.reboots)
