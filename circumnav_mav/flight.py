@@ -178,7 +178,7 @@ class Flight:
         now_s = take_in()
         self._stopped = False
         self._say(now_s, "the loop was held up: no setpoint before a fresh mode message", WARNING)
-        self._frames.append(self.link.after_gap(now_s))
+        self._frames += self.link.after_gap(now_s)
         return now_s
 
     def tick(self, now_s: float, lateness_s: float = 0.0, missed_ticks: int = 0) -> tuple[list[bytes], TickRecord]:
@@ -225,9 +225,9 @@ class Flight:
         if link != VEHICLE:
             return
         self._frames.clear()  # what was to be said over the link that broke
-        request = self.link.reconnected(now_s)
+        asking = self.link.reconnected(now_s)
         if self.link.autopilot.sysid is not None:
-            self._frames.append(request)
+            self._frames += asking
 
     def tell(self, now_s: float, text: str) -> None:
         """Let the operator read something that only the runtime knows."""
