@@ -289,6 +289,7 @@ class Flight:
             motion=self._motion(now_s),
             height_m=self._height_m(now_s),
             broken=self.lookout.trip is not None and not self.lookout.trip.ends,
+            handing_over=control is Control.GIVING_BACK,
         )
 
     def _why(self) -> str:
@@ -301,7 +302,8 @@ class Flight:
         ap, before = self.link.autopilot, self.unfit
         self.unfit = self._fitness.unfit(ap, now_s)
         if self.unfit is not None:
-            self.link.ask_for(self._fitness.ask_again(ap, now_s))
+            if self.link.authority.control is not Control.RELEASED:
+                self.link.ask_for(self._fitness.ask_again(ap, now_s))
             if before is None or self.unfit.text != before.text:
                 self._unfit_since_s = now_s
             if now_s - self._unfit_since_s > UNFIT_TOLD_AFTER_S and self.unfit.text != self._unfit_told:
@@ -333,21 +335,31 @@ class Flight:
 
     def _on_phase(self, now_s: float, decision: Decision) -> None:
         phase = decision.phase
+        self._hand_over(now_s, phase)
         if phase is self._phase:
             return
         before, self._phase = self._phase, phase
+        if phase is Phase.FINISHED:
+            self.link.commands.clear()
         if phase is Phase.ACQUIRING and not now_s >= self.engaged_s:
             self.engaged_s = now_s
         if phase in ENGAGED and before not in ENGAGED:
             for command in self._encoder.engaged(self.link.autopilot.state(now_s), self.computer.hold_height_m):
                 self.link.commands.add(command)
-        if phase is Phase.RANGE_LOST:
-            action = self._config.on_range_lost
-            self.link.authority.give_back(self.words.hand_over(action), now_s, f"range lost: {action}")
-        elif phase is Phase.BROKEN_OFF and (trip := self.lookout.trip) is not None:
-            self.link.authority.give_back(self.words.hand_over(trip.action), now_s, f"{trip.text}: {trip.action}")
         self._invited = False
         self._say(now_s, f"{phase}: {decision.reason}", TEXT_SEVERITY.get(phase, INFO))
+
+    def _hand_over(self, now_s: float, phase: Phase) -> None:
+        """Give back what is held without a range or against a cause to break off: every time, not only the first."""
+        if self.link.authority.control is not Control.HELD or phase not in (Phase.RANGE_LOST, Phase.BROKEN_OFF):
+            return
+        action, why = self._config.on_range_lost, "range lost"
+        if phase is Phase.BROKEN_OFF:
+            trip = self.lookout.trip
+            action, why = (trip.action, trip.text) if trip is not None else ("hold", self.computer.reason)
+        if phase is self._phase:
+            self._say(now_s, f"{phase}: engaged again: {why}: {action}", WARNING)
+        self.link.authority.give_back(self.words.hand_over(action), now_s, f"{why}: {action}")
 
     def _say(self, now_s: float, text: str, severity: int) -> None:
         """Tell the log, the terminal and the ground station."""

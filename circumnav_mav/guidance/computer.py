@@ -58,6 +58,7 @@ class Status:
     motion: Motion
     height_m: float = nan
     broken: bool = False
+    handing_over: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,6 +154,7 @@ class GuidanceComputer:
         facts = Facts(
             heard=status.heard,
             held=status.held,
+            handing_over=status.handing_over,
             released=status.released,
             ending=status.ending,
             fresh=known and age_s <= self._settings.max_age_s,

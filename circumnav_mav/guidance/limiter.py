@@ -29,7 +29,7 @@ class TurnRateLimiter:
                 raise ValueError(f"{name} must be above 0, not {getattr(self, name)}")
 
     def reset(self) -> None:
-        """Forget the last command: the next one is slewed from nothing (after a hand-over, for instance)."""
+        """Forget the last command (after a hand-over, for instance): the next one is not slewed."""
         self._last_s = None
 
     def limit(self, now_s: float, turn_rate_rad_s: float) -> Limited:

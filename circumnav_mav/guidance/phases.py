@@ -27,6 +27,7 @@ class Facts(NamedTuple):
 
     heard: bool = False  # the autopilot is there
     held: bool = False  # the autopilot shows that we fly
+    handing_over: bool = False  # held, and we are giving it back
     released: bool = False  # it was taken from us; latched
     ending: bool = False  # the flight is asked to end
     fresh: bool = False  # a range not older than max_age_s, and an estimate from it
@@ -65,7 +66,12 @@ TABLE: tuple[Row, ...] = (
         "the autopilot is not heard any more",
     ),
     Row(_in(Phase.WAITING_AUTOPILOT), lambda f: f.heard, Phase.WAITING_RANGE, "the autopilot is heard"),
-    Row(ENGAGED | _in(Phase.WAITING_RANGE, Phase.READY), lambda f: f.held and f.broken, Phase.BROKEN_OFF, "{why}"),
+    Row(
+        ENGAGED | _in(Phase.WAITING_RANGE, Phase.READY, Phase.RANGE_LOST),
+        lambda f: f.held and not f.handing_over and f.broken,
+        Phase.BROKEN_OFF,
+        "{why}",
+    ),
     Row(_in(Phase.BROKEN_OFF), lambda f: not f.held, Phase.WAITING_RANGE, "handed over"),
     Row(
         _in(Phase.WAITING_RANGE, Phase.READY),
@@ -83,6 +89,12 @@ TABLE: tuple[Row, ...] = (
     Row(_in(Phase.ACQUIRING), lambda f: f.settled, Phase.ORBITING, "settled on the orbit"),
     Row(_in(Phase.ORBITING), lambda f: f.strayed, Phase.ACQUIRING, "strayed from the orbit"),
     Row(_in(Phase.RANGE_LOST), lambda f: not f.held and f.fresh, Phase.READY, "the beacon is heard again"),
+    Row(
+        _in(Phase.RANGE_LOST),
+        lambda f: f.held and not f.handing_over and f.fresh,
+        Phase.ACQUIRING,
+        "engaged again, and the range is back",
+    ),
 )
 
 

@@ -64,10 +64,15 @@ class CommandQueue:
         """Queue a command as it is."""
         self._waiting.append(command)
 
-    def clear(self) -> None:
-        """Forget everything that is not done (the autopilot has restarted, or the aircraft is no longer ours)."""
+    def clear(self) -> bool:
+        """Forget everything that is not done (the autopilot has restarted, or the aircraft is no longer ours).
+
+        Return whether there was anything.
+        """
+        undone = self._current is not None or bool(self._waiting)
         self._waiting.clear()
         self._current = None
+        return undone
 
     def on_ack(self, command: int, result: int) -> None:
         """Take in a COMMAND_ACK."""

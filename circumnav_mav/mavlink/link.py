@@ -17,7 +17,7 @@ from circumnav_mav.mavlink.codec import Decoder, Frame, Message, Packer, Splitte
 from circumnav_mav.mavlink.commands import Command, CommandQueue
 from circumnav_mav.mavlink.dialect import by_name, enums
 from circumnav_mav.mavlink.modes import ModeWords
-from circumnav_mav.mavlink.offboard import Authority, ModeRequest, Seen
+from circumnav_mav.mavlink.offboard import Authority, Control, ModeRequest, Seen
 from circumnav_mav.mavlink.signing import Signer
 from circumnav_mav.mavlink.streams import WANTED_HZ, interval_us, unwanted
 
@@ -29,6 +29,7 @@ NEED_HZ = 1.0
 """Rate to ask for what a vehicle class needs to hear, without flying on it."""
 PARAM_INT32 = 6
 STATUSTEXT_LENGTH = 50
+LET_GO = frozenset({Control.RELEASED, Control.GIVEN_BACK})
 COMMANDS = frozenset({"COMMAND_LONG", "COMMAND_INT"})
 SETPOINTS = frozenset({"SET_POSITION_TARGET_LOCAL_NED", "SET_POSITION_TARGET_GLOBAL_INT", "SET_ATTITUDE_TARGET"})
 OWN_MESSAGES = ("COMMAND_ACK", *COMMANDS, "TIMESYNC", "PARAM_VALUE", "STATUSTEXT", *SETPOINTS)
@@ -172,6 +173,8 @@ class AutopilotLink:
         if self.autopilot.sysid is None:
             return due
         self._packer.sysid = self.autopilot.sysid
+        requests = self.authority.poll(now_s)  # may notice that the aircraft is no longer ours: before the commands
+        self._let_go()
         self._set_up()
         if self._timesync is not None:
             due.append(self._packer.pack("TIMESYNC", tc1=int(now_s * 1e9), ts1=self._timesync))
@@ -179,8 +182,24 @@ class AutopilotLink:
         due += [self._command(command) for command in self.commands.poll(now_s)]
         if self.authority.seen() is Seen.NOTHING and not now_s < self._ask_mode_next_s:
             due += self._ask_mode(now_s)  # the last answer may have been lost
-        due += [self._mode(request) for request in self.authority.poll(now_s)]
+        due += [self._mode(request) for request in requests]
         return due
+
+    def _let_go(self) -> None:
+        """Once the aircraft is somebody else's, send no command that waited; streams among them are asked for later.
+
+        A restarted autopilot or a new connection is asked for its streams all the same: without them nobody tells the
+        mode.
+        """
+        let_go, before = self.authority.control in LET_GO, self._has_let_go
+        self._has_let_go = let_go
+        if let_go and not before:
+            self._set_up_late = self.commands.clear()
+        elif before and not let_go and self._set_up_late:
+            self._set_up_for, self._set_up_late = (None, 0), False
+
+    _has_let_go: bool = False
+    _set_up_late: bool = False
 
     def setpoint(self, name: str, fields: dict[str, Any], now_s: float) -> bytes:
         """Return the frame of an encoded setpoint; it counts as sent."""
@@ -303,6 +322,8 @@ class AutopilotLink:
         """Return the requests for the parameters that are still missing, at most once a second."""
         missing = [name for name in self.words.parameters if name not in self.parameters]
         if not missing or self.autopilot.sysid is None or now_s < self._parameters_next_s:
+            return []
+        if self.authority.control in LET_GO:
             return []
         self._parameters_next_s = now_s + 1.0 if isnan(self._parameters_next_s) else now_s + 5.0
         return [

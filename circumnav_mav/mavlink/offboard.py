@@ -316,3 +316,6 @@ class Authority:
 
     def _to(self, control: Control, reason: str) -> None:
         self.control, self.reason = control, reason
+        if control in (Control.GIVEN_BACK, Control.RELEASED):
+            # Whoever chooses our mode now has not seen us stream, or say that we are ready, since.
+            self._sent_s = self._ready_s = nan

@@ -207,6 +207,17 @@ def test_handing_over_asks_for_the_mode_streams_until_it_is_shown_and_then_not()
     assert bench.control is Control.NOT_HELD
 
 
+def test_the_stream_before_a_hand_over_does_not_count_for_an_engagement_after_it():
+    bench = Bench().held().stream()
+    bench.authority.give_back(HOLD, bench.now_s, "range lost")
+    bench.show(HOLD, HOLD).show(HOLD, HOLD)
+    assert bench.control is Control.NOT_HELD
+    bench.show(OFFBOARD, OFFBOARD)
+    assert bench.control is Control.NOT_HELD
+    bench.show(HOLD, HOLD).stream().show(OFFBOARD, OFFBOARD)
+    assert bench.control is Control.HELD
+
+
 def test_stop_is_silence_without_a_mode_request():
     bench = Bench().held()
     bench.authority.give_back(None, bench.now_s, "range lost: stop")

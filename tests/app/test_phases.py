@@ -31,6 +31,7 @@ WALK = [
     (Phase.ACQUIRING, GOOD._replace(settled=True), Phase.ORBITING),
     (Phase.ORBITING, GOOD._replace(strayed=True), Phase.ACQUIRING),
     (Phase.RANGE_LOST, WAITING, Phase.READY),
+    (Phase.RANGE_LOST, GOOD, Phase.ACQUIRING),
 ]
 
 
@@ -63,6 +64,21 @@ def test_nothing_engages_while_not_held():
         change = step(phase, facts, "")
         if change is not None and change[0] in ENGAGED and phase not in ENGAGED:
             assert facts.held and not facts.released
+
+
+def test_a_range_that_comes_back_during_the_hand_over_does_not_stop_it():
+    for facts in EVERY:
+        change = step(Phase.RANGE_LOST, facts, "")
+        if facts.handing_over and change is not None:
+            assert change[0] not in ENGAGED | {Phase.BROKEN_OFF}
+
+
+def test_range_lost_is_no_dead_end_for_a_pilot_who_engages_again():
+    again = GOOD._replace(fresh=False, coastable=False)
+    assert step(Phase.RANGE_LOST, again, "") is None, "given back again, by the flight"
+    assert step(Phase.RANGE_LOST, again._replace(broken=True), "")[0] is Phase.BROKEN_OFF
+    assert step(Phase.RANGE_LOST, GOOD._replace(broken=True), "")[0] is Phase.BROKEN_OFF
+    assert step(Phase.RANGE_LOST, GOOD, "")[0] is Phase.ACQUIRING
 
 
 def test_an_engaged_phase_never_outlives_a_release():

@@ -70,6 +70,17 @@ def keep_the_rules(rig: Rig) -> None:
         before = tick.control
     if math.isfinite(released_s):
         assert mode_requests(rig, released_s + 1e-6) == []
+        assert beyond_talk(rig.decoded(released_s - 1e-6)) == []
+
+
+def beyond_talk(messages: list[tuple[float, Any]]) -> list[tuple[float, Any]]:
+    """Return what may not leave after a release: all but heartbeats, answers, texts, requests to be told the mode."""
+    talk = ("HEARTBEAT", "TIMESYNC", "STATUSTEXT", "COMMAND_ACK")
+
+    def asks_for_the_mode(m: Any) -> bool:
+        return m.get_type() == "COMMAND_LONG" and m.command == mavlink.MAV_CMD_REQUEST_MESSAGE and m.param1 in (0, 436)
+
+    return [(t, m) for t, m in messages if m.get_type() not in talk and not asks_for_the_mode(m)]
 
 
 def last_setpoint_s(rig: Rig) -> float:

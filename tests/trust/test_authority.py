@@ -7,6 +7,7 @@ import itertools
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
+from circumnav_mav.mavlink.offboard import Control
 from tests.lockstep import GCS_LINK, Peer, Rig, airborne, config
 from tests.trust.rules import (
     HOLD,
@@ -78,6 +79,34 @@ def test_sticks_win_where_the_autopilot_lets_them():
             rig.run(0.05)
     assert rig.log.ticks[-1].control == "released"
     assert rig.log.ticks[-1].mode == "Position"
+
+
+@pytest.mark.parametrize("how", ["released", "given back", "finished"])
+def test_no_command_that_waited_leaves_once_the_aircraft_is_somebody_elses(how):
+    """A command that the autopilot never answers is asked again for two seconds, and another waits behind it."""
+    rig = orbiting()
+    commands = rig.flight.link.commands
+    commands.on_ack = lambda command, result: None  # type: ignore[method-assign]
+    for command in (mavlink.MAV_CMD_DO_CHANGE_SPEED, mavlink.MAV_CMD_DO_SET_ROI):
+        commands.push(command, purpose="waits")
+
+    def waited(from_s: float = 0.0) -> list[int]:
+        sent = [m for _, m in rig.decoded(from_s) if m.get_type() == "COMMAND_LONG"]
+        return [m.command for m in sent if m.command in (mavlink.MAV_CMD_DO_CHANGE_SPEED, mavlink.MAV_CMD_DO_SET_ROI)]
+
+    rig.run(0.1)
+    assert waited() == [mavlink.MAV_CMD_DO_CHANGE_SPEED]
+    if how == "released":
+        rig.pilot.mode(RETURN)
+    elif how == "given back":
+        rig.flight.link.authority.give_back(HOLD, rig.now_s, "a test")
+    else:
+        rig.flight.end("a test")
+    rig.run(5.0, until=lambda: rig.log.ticks[-1].control in ("released", "given back", "not held"))
+    over_s = rig.now_s + 1e-6
+    rig.run(3.0, until=lambda: rig.flight.done)
+    assert rig.flight.done is (how == "finished")
+    assert waited(over_s) == []
 
 
 @pytest.mark.parametrize("custom", [HOLD, POSITION, 0], ids=hex)
@@ -216,6 +245,60 @@ def test_a_range_that_comes_back_after_a_hand_over_engages_nothing_by_itself():
     assert rig.stub.truth().mode == "AUTO/LOITER"
     assert len({mode for _, mode in mode_requests(rig)}) == 1
     engage(rig)
+
+
+def lost_and_handed_over() -> Rig:
+    """The radio fell silent, and the vehicle has just been handed over to Hold."""
+    rig = orbiting(app={"ranging": {"coast_s": 2.0}}, params={"COM_OBL_RC_ACT": 5})
+    rig.stub.radio.faults.stopped = True
+    rig.run(10.0, until=lambda: rig.log.ticks[-1].control == "not held")
+    assert (rig.log.ticks[-1].phase, rig.stub.truth().mode) == ("range_lost", "AUTO/LOITER")
+    return rig
+
+
+def test_offboard_selected_again_right_after_the_hand_over_is_not_joined_and_no_dead_end():
+    rig = lost_and_handed_over()
+    again_s = rig.now_s + 1e-6
+    rig.pilot.mode(OFFBOARD)  # the autopilot still counts our stream of before
+    rig.run(0.3)
+    assert rig.stub.truth().mode == "OFFBOARD"
+    rig.run(3.0)
+    assert rig.setpoints(again_s) == []
+    assert rig.stub.truth().mode == "AUTO/LOITER"
+    rig.pilot.mode(HOLD)
+    rig.stub.radio.faults.stopped = False
+    rig.run(2.0)
+    assert rig.log.ticks[-1].phase == "ready"
+    engage(rig)
+    assert rig.log.ticks[-1].phase in ("acquiring", "orbiting")
+    keep_the_rules(rig)
+
+
+def held_again(rig: Rig) -> Rig:
+    """However it came about: the mode shows that we hold the vehicle, in range_lost."""
+    rig.pilot.mode(OFFBOARD)
+    rig.run(0.2)
+    rig.flight.link.authority._to(Control.HELD, "the pilot selected Offboard")
+    return rig
+
+
+def test_held_again_without_a_range_it_is_given_back_again():
+    rig = held_again(lost_and_handed_over())
+    again_s = rig.now_s + 1e-6
+    rig.run(3.0)
+    assert {mode for _, mode in mode_requests(rig, again_s)} == {HOLD}
+    assert rig.stub.truth().mode == "AUTO/LOITER"
+    assert rig.log.ticks[-1].control == "not held"
+    assert any("engaged again: range lost: hold" in text for text in texts_of(rig, again_s))
+    assert rig.log.ticks[-1].phase == "range_lost"
+
+
+def test_held_again_with_the_range_back_it_is_flown_on():
+    rig = lost_and_handed_over()
+    rig.stub.radio.faults.stopped = False
+    held_again(rig)
+    rig.run(1.0)
+    assert rig.log.ticks[-1].phase == "acquiring"
 
 
 def test_a_polite_end_asks_for_hold_and_falls_silent():

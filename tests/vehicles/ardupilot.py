@@ -59,6 +59,7 @@ class FakeArduPilot:
         self._next: dict[int, float] = {}
         self._heartbeat_next_s = self._range_next_s = 0.0
         self._random = random.Random(5)
+        self.acknowledges = True
 
     # -- wire ------------------------------------------------------------------------------------------------------
 
@@ -94,6 +95,8 @@ class FakeArduPilot:
             params = (m.param1, m.param2, m.param3, m.param4, m.x, m.y, m.z)
         result = self._do(m.command, params, getattr(m, "frame", 3))
         self.commands.append((self.now_s, m.command, params, result))
+        if not self.acknowledges:
+            return
         self._send(
             mavlink.MAVLink_command_ack_message(m.command, result, 0, 0, m.get_srcSystem(), m.get_srcComponent())
         )

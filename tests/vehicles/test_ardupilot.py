@@ -10,6 +10,7 @@ from pymavlink.dialects.v20 import all as mavlink
 
 from circumnav_mav.flight import Flight, TickRecord
 from tests.lockstep import config
+from tests.trust.rules import beyond_talk
 from tests.vehicles.ardupilot import COPTER, GUIDED, PLANE, STEP_S, FakeArduPilot
 
 LOITER = {COPTER: 5, PLANE: 12}
@@ -147,6 +148,22 @@ def test_the_mode_left_is_released_for_good(kind, to):
     assert rig.phase == "released", "latched, also when Guided comes back"
     assert rig.setpoints(left_s + 0.05) == []
     assert rig.commanded(176) == []
+
+
+@KINDS
+@pytest.mark.parametrize("engaged_s", [0.02, 0.3, 1.0])
+def test_no_command_that_waited_leaves_after_a_release(kind, engaged_s):
+    """Its acknowledgements are lost, so that heading and height are still asked for as the pilot takes over."""
+    rig = Rig(kind, orbit={"height_m": 95.0}).run(4.0)
+    rig.vehicle.acknowledges = False
+    rig.vehicle.set_mode(GUIDED[kind])
+    rig.run(engaged_s)
+    assert rig.phase == "acquiring"
+    rig.vehicle.set_mode(RTL[kind])
+    left_s = rig.vehicle.now_s + STEP_S / 2
+    rig.run(5.0)
+    assert rig.phase == "released"
+    assert beyond_talk([(t, m) for t, m in rig.sent if t > left_s + STEP_S]) == []
 
 
 @KINDS
