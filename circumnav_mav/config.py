@@ -10,7 +10,7 @@ from pathlib import Path as FilePath
 from typing import Annotated, Any, Literal, NamedTuple
 
 import yaml
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, FiniteFloat, ValidationError
 
 from circumnav_mav import endpoint
 from circumnav_mav.guidance.computer import GuidanceSettings, band_of
@@ -52,10 +52,18 @@ def _nearest(word: str, known: Any) -> str:
     return f", did you mean '{close[0]}'?" if close else ""
 
 
+def _no_boolean(value: Any) -> Any:
+    if isinstance(value, bool):
+        raise ValueError(f"must be a number, not {str(value).lower()}")
+    return value
+
+
 Link = Annotated[str, AfterValidator(_link)]
 RangingEndpoint = Annotated[str, AfterValidator(_source)]
-Positive = Annotated[FiniteFloat, Field(gt=0)]
-NotNegative = Annotated[FiniteFloat, Field(ge=0)]
+Finite = Annotated[FiniteFloat, BeforeValidator(_no_boolean)]
+Whole = Annotated[int, BeforeValidator(_no_boolean)]
+Positive = Annotated[Finite, Field(gt=0)]
+NotNegative = Annotated[Finite, Field(ge=0)]
 
 
 class Section(BaseModel):
@@ -72,8 +80,8 @@ class Vehicle(Section):
     library: Literal["pymavlink", "mavsdk"] = "pymavlink"
     signing_key_file: str | None = None
     lead_s: NotNegative | None = Field(None, le=2.0)
-    pitch_deg: FiniteFloat | None = Field(None, ge=-30.0, le=30.0)
-    thrust: FiniteFloat | None = Field(None, gt=0.0, lt=1.0)
+    pitch_deg: Finite | None = Field(None, ge=-30.0, le=30.0)
+    thrust: Finite | None = Field(None, gt=0.0, lt=1.0)
 
 
 class Ranging(Section):
@@ -83,23 +91,23 @@ class Ranging(Section):
 
     source: Annotated[str, _one_of("ranging source", SOURCES)] = "distance_sensor"
     endpoint: RangingEndpoint | None = None
-    sender: tuple[Annotated[int, Field(ge=1, le=255)], Annotated[int, Field(ge=1, le=255)]] | None = Field(
+    sender: tuple[Annotated[Whole, Field(ge=1, le=255)], Annotated[Whole, Field(ge=1, le=255)]] | None = Field(
         None, alias="from"
     )
-    sensor_id: int | None = Field(None, ge=0, le=255)
-    beacon_id: int | None = Field(None, ge=0)
-    orientation: int | None = Field(None, ge=0, le=255)
+    sensor_id: Whole | None = Field(None, ge=0, le=255)
+    beacon_id: Whole | None = Field(None, ge=0)
+    orientation: Whole | None = Field(None, ge=0, le=255)
     min_m: NotNegative | None = None
     max_m: Positive | None = None
-    min_quality_pct: float | None = Field(None, ge=0, le=100)
+    min_quality_pct: Finite | None = Field(None, ge=0, le=100)
     stuck_s: NotNegative | None = None
     use_stamps: bool = True
     max_age_s: Positive = 1.0
     coast_s: NotNegative = 20.0
-    bias_m: FiniteFloat = 0.0
+    bias_m: Finite = 0.0
     latency_s: NotNegative = 0.0
     sigma_m: Positive = 0.3
-    target_height_m: FiniteFloat | None = None
+    target_height_m: Finite | None = None
 
     @property
     def options(self) -> dict[str, Any]:
@@ -122,7 +130,7 @@ class Named(BaseModel):
     """A plug by name with its own options, numbers all."""
 
     model_config = ConfigDict(extra="allow", frozen=True)
-    __pydantic_extra__: dict[str, FiniteFloat]
+    __pydantic_extra__: dict[str, Finite]
     name: str
 
     @property
@@ -160,7 +168,7 @@ class Safety(Section):
     flight_time_s: Positive | None = None
     laps: Positive | None = None
     on_used_up: Literal["hold", "return", "land"] = "hold"
-    battery_pct: Annotated[FiniteFloat, Field(ge=0, le=100)] = 20.0
+    battery_pct: Annotated[Finite, Field(ge=0, le=100)] = 20.0
     on_battery_low: Action = "return"
     height_lost_s: Positive = 3.0
     on_height_lost: Action = "hold"
@@ -171,7 +179,7 @@ class Safety(Section):
 class Loop(Section):
     """The fixed grid on which setpoints leave."""
 
-    rate_hz: Annotated[FiniteFloat, Field(ge=5, le=400)] = 50.0
+    rate_hz: Annotated[Finite, Field(ge=5, le=400)] = 50.0
 
 
 class Record(Section):
@@ -320,7 +328,13 @@ def parse(text: str, file: str = "config") -> Config:
     try:
         tree = yaml.compose(text, Loader=yaml.SafeLoader)
         lines = _Lines(tree)
+        if lines.endless:
+            raise ConfigError(
+                file, [Fault(path, line, "an alias that contains itself") for path, line in lines.endless]
+            )
         data = yaml.safe_load(text)
+    except RecursionError as error:
+        raise ConfigError(file, [Fault("", 0, "nested too deeply")]) from error
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         what = getattr(error, "problem", None) or str(error)
@@ -371,6 +385,7 @@ def cross_checks(config: Config) -> Iterator[tuple[str, str]]:
     yield from (("estimator." + k, f"no option of {estimator.name}{_nearest(k, estimator.options)}") for k in unknown)
     if config.ranging.max_age_s * config.loop.rate_hz < 2:
         yield "ranging.max_age_s", "shorter than two ticks of loop.rate_hz: every range would be stale"
+    yield from _age_checks(config.ranging)
     if config.engage == "auto" and orbit.height_m is None:
         yield "engage", "auto takes off by itself and needs orbit.height_m, the height to climb to"
     yield from _ranging_checks(config.ranging)
@@ -426,6 +441,19 @@ def _vehicle_checks(config: Config) -> Iterator[tuple[str, str]]:
         yield "engage", f"auto takes off, and {vehicle.name} does not: engage: pilot"
     if config.on_range_lost == "land" and vehicle.words.land is None:
         yield "on_range_lost", f"{vehicle.words.autopilot} has no landing mode: hold, return or stop"
+
+
+def _age_checks(ranging: Ranging) -> Iterator[tuple[str, str]]:
+    if ranging.latency_s >= ranging.max_age_s:
+        yield (
+            "ranging.latency_s",
+            f"{ranging.latency_s:g} s is not below max_age_s, {ranging.max_age_s:g} s: every range would be stale",
+        )
+    if ranging.coast_s < ranging.max_age_s:
+        yield (
+            "ranging.coast_s",
+            f"{ranging.coast_s:g} s is below max_age_s, {ranging.max_age_s:g} s: both count from the last range",
+        )
 
 
 def _ranging_checks(ranging: Ranging) -> Iterator[tuple[str, str]]:
@@ -495,15 +523,24 @@ def _keys_at(where: Where) -> list[str]:
 
 
 class _Lines:
-    """Which line of the file each key stands on, and which keys stand there twice."""
+    """Which line of the file each key stands on, which keys stand there twice, and which aliases contain themselves."""
 
     def __init__(self, tree: yaml.Node | None) -> None:
         self._at: dict[Where, int] = {}
+        self._open: set[int] = set()  # ids of the nodes that the walk is inside of
+        self._seen: set[int] = set()  # ids of all nodes: what an alias repeats is walked once
         self.twice: list[tuple[str, int]] = []
+        self.endless: list[tuple[str, int]] = []
         if tree is not None:
             self._walk(tree, ())
 
     def _walk(self, node: yaml.Node, where: Where) -> None:
+        if id(node) in self._open:
+            self.endless.append((".".join(str(p) for p in where), self.of(where)))
+        if id(node) in self._seen:
+            return
+        self._seen.add(id(node))
+        self._open.add(id(node))
         if isinstance(node, yaml.MappingNode):
             for key, value in node.value:
                 here = (*where, str(key.value))
@@ -512,6 +549,10 @@ class _Lines:
                     self.twice.append((".".join(str(p) for p in here), line))
                 self._at[here] = line
                 self._walk(value, here)
+        elif isinstance(node, yaml.SequenceNode):
+            for n, item in enumerate(node.value):
+                self._walk(item, (*where, n))
+        self._open.discard(id(node))
 
     def of(self, where: Where) -> int:
         """Return the line of a path, or of the nearest part of it that stands in the file; 0 for none."""
