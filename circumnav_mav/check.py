@@ -4,17 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from circumnav_mav.config import Config
+from circumnav_mav.config import Config, Limits, Vehicle
 from circumnav_mav.guidance.estimators import ESTIMATORS
 from circumnav_mav.guidance.laws import LAWS
 from circumnav_mav.guidance.laws.hashemi2013 import DEFAULT_KAPPA, gain
-from circumnav_mav.guidance.verdict import Finding, Flight, report, verdict
+from circumnav_mav.guidance.verdict import Finding, Flight, Severity, report, verdict
+from circumnav_mav.ranging import SOURCES
 
-MARK = {"error": "ERROR  ", "warning": "warning", "info": "       "}
+MARK: dict[Severity, str] = {"error": "ERROR  ", "warning": "warning", "info": "       "}
 
 
 def findings(config: Config) -> list[Finding]:
-    """Return what the theory says of this configuration, gravest first."""
+    """Return what the theory says of this configuration, and which keys do nothing in it, gravest first."""
     orbit = config.orbit
     kappa = gain(config.law.options, orbit.radius_m) if "kappa" in LAWS[config.law.name].options else DEFAULT_KAPPA
     flight = Flight(
@@ -26,11 +27,30 @@ def findings(config: Config) -> list[Finding]:
         lag_s=config.vehicle_class.turn_lag_s + abs(config.vehicle_class.lead_s - config.lead_s),
         update_s=1.0 / config.loop.rate_hz,
     )
-    return report(flight)
+    idle = [Finding("warning", "idle", text) for text in idle_keys(config)]
+    return sorted([*report(flight), *idle], key=lambda finding: list(MARK).index(finding.severity))
 
 
-def consequences(config: Config) -> Iterator[str]:
-    """Yield the lines that `circumnav check` prints."""
+def idle_keys(config: Config) -> Iterator[str]:
+    """Yield a line for each key that is set and does nothing with the vehicle class or the source chosen."""
+    kind, given, source = config.vehicle_class, config.vehicle, SOURCES[config.ranging.source]
+    if config.ranging.beacon_id is not None and not source.has_beacon_id:
+        yield f"ranging.beacon_id does nothing: {source.name} carries no beacon's id"
+    defaults = Vehicle.model_fields
+    for key in ("pitch_deg", "thrust"):
+        if getattr(given, key) != defaults[key].default and not kind.attitude:
+            yield f"vehicle.{key} does nothing: {kind.name} does not fly by attitude"
+    if config.limits.bank_deg != Limits.model_fields["bank_deg"].default and not kind.banks:
+        yield f"limits.bank_deg does nothing: {kind.name} does not turn by a bank"
+
+
+def holds(found: list[Finding]) -> bool:
+    """Return whether nothing speaks against holding the orbit."""
+    return all(finding.severity != "error" for finding in found)
+
+
+def consequences(config: Config, found: list[Finding]) -> Iterator[str]:
+    """Yield the lines that `circumnav check` prints, with what `findings` found."""
     orbit, ranging = config.orbit, config.ranging
     law, estimator = LAWS[config.law.name], ESTIMATORS[config.estimator.name]
     yield f"vehicle    {config.vehicle.kind} on {config.vehicle.link}, engage: {config.engage}"
@@ -41,7 +61,6 @@ def consequences(config: Config) -> Iterator[str]:
     yield f"range lost {late}, then {config.on_range_lost}"
     yield f"orbit      {orbit.radius_m:g} m {orbit.direction} at {orbit.speed_m_s:g} m/s"
     yield f"guidance   {law.name} ({law.source}) on estimator {estimator.name}"
-    found = findings(config)
     for finding in found:
         yield f"{MARK[finding.severity]}    {finding.text}"
     yield verdict(found)

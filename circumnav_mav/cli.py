@@ -1,7 +1,8 @@
 """The `circumnav` command.
 
-Exit codes: 0 done as asked; 1 the flight ended another way (released, range lost, refused, nothing heard); 2 bad
-configuration or usage; 3 a link cannot be opened; 4 `check --live` found warnings only; 70 a fault of the app itself.
+Exit codes: 0 done as asked; 1 the flight ended another way (released, range lost, refused, nothing heard, hung), or
+`check` found what stops one; 2 bad configuration or usage; 3 a link cannot be opened; 4 `check --live` found warnings
+only; 70 a fault of the app itself.
 """
 
 from __future__ import annotations
@@ -36,7 +37,9 @@ app = typer.Typer(
 
 ConfigPath = Annotated[Path, typer.Argument(help="configuration file, see configs/", show_default=False)]
 JsonPath = Annotated[Path | None, typer.Option("--json", help="write the figures of the flight to this file")]
-Duration = Annotated[float | None, typer.Option(help="end politely (Hold, then silence) after so many flight seconds")]
+Duration = Annotated[
+    float | None, typer.Option(help="end politely (Hold, then silence) after so many flight seconds", min=0.1)
+]
 
 
 def _version(value: bool) -> None:
@@ -67,6 +70,7 @@ def demo(
 ) -> None:
     """Watch a vehicle find and circle a beacon: app and vehicle stub as two processes, MAVLink over loopback."""
     settings = demo_config(load(config) if config else None)
+    _try_to_write(json)
     outcome = run_demo(settings, speed=speed, seed=seed, duration_s=duration, stub_args=stub_arg or [])
     _finish(outcome, json)
 
@@ -82,6 +86,7 @@ def fly_command(
 ) -> None:
     """Fly a real autopilot (or a simulator) with a configuration."""
     settings = load(config)
+    _try_to_write(json)
     options = Options(duration_s=inf if duration is None else duration, wait_s=wait or inf)
     title = f"circumnav fly  {config.name}  {settings.vehicle.link}"
     outcome = fly(settings, Clock(), open_view(title), options, title=f"circumnav fly: {config.name}")
@@ -98,18 +103,22 @@ def check(
 ) -> None:
     """Check a configuration: every fault at once, and what follows from it for the flight. Moves nothing.
 
-    With --live the exit code says how grave it is: 0 ready, 4 warnings, 1 errors that stop a flight.
+    Exit code 1: it will not hold the orbit. With --live also 4 for warnings, 1 for errors that stop a flight.
     """
-    from circumnav_mav.check import consequences
+    from circumnav_mav.check import consequences, findings, holds
 
     settings = load(config)
-    for line in consequences(settings):
+    found = findings(settings)
+    for line in consequences(settings, found):
         typer.echo(line)
-    if live:
-        _check_live(settings, seconds)
+    code = _check_live(settings, seconds) if live else 0
+    if not holds(found):
+        code = EXIT_FLIGHT
+    if code:
+        raise typer.Exit(code)
 
 
-def _check_live(settings: Config, seconds: float) -> None:
+def _check_live(settings: Config, seconds: float) -> int:
     from circumnav_mav.readiness import Severity
     from circumnav_mav.runtime.live_check import listen, table
 
@@ -118,8 +127,7 @@ def _check_live(settings: Config, seconds: float) -> None:
     for line in table(findings):
         typer.echo(line)
     worst = max(finding.severity for finding in findings)
-    if worst is not Severity.OK:
-        raise typer.Exit(EXIT_FLIGHT if worst is Severity.ERROR else EXIT_WARNINGS)
+    return {Severity.OK: 0, Severity.WARNING: EXIT_WARNINGS, Severity.ERROR: EXIT_FLIGHT}[worst]
 
 
 @app.command()
@@ -153,8 +161,23 @@ def stub(context: typer.Context) -> None:
 cli_study.register(app)
 
 
+def _try_to_write(path: Path | None) -> None:
+    """Leave with one line where a file cannot be written: before the flight, and without touching what is in it."""
+    if path is None or (path.exists() and not path.is_file() and not path.is_dir()):
+        return  # a pipe or a terminal takes what comes, and only once
+    there = path.exists()
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.open("ab").close()
+        if not there:
+            path.unlink()
+    except OSError as error:
+        _complain(f"cannot write {path}: {error.strerror or error}")
+        raise typer.Exit(EXIT_USAGE) from None
+
+
 def _finish(outcome: Outcome, json: Path | None) -> None:
-    """Print and write the figures; leave with the exit code."""
+    """Print and write the figures; leave with the exit code: the flight's, where that is not 0."""
     from circumnav_mav.report import lines
 
     for line in lines(outcome.summary):
@@ -165,15 +188,18 @@ def _finish(outcome: Outcome, json: Path | None) -> None:
         typer.echo(f"picture    {outcome.picture}")
     for note in outcome.notes:
         typer.echo(f"note       {note}", err=True)
+    code = 0
     if json is not None:
         try:
             outcome.summary.write(json)
         except OSError as error:
             _complain(f"cannot write {json}: {error.strerror or error}")
-            raise typer.Exit(EXIT_USAGE) from None
+            code = EXIT_USAGE
     if outcome.result.outcome not in DONE:
         _complain(f"{outcome.result.outcome}: {outcome.result.text}")
-        raise typer.Exit(EXIT_FLIGHT)
+        code = EXIT_FLIGHT
+    if code:
+        raise typer.Exit(code)
 
 
 def _complain(text: str) -> None:

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import difflib
-import re
 from collections.abc import Iterator
 from math import inf, nan, radians
 from pathlib import Path as FilePath
 from typing import Annotated, Any, Literal, NamedTuple
 
 import yaml
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, FiniteFloat, ValidationError
 
 from circumnav_mav import endpoint
-from circumnav_mav.guidance.computer import GuidanceSettings, band_of
+from circumnav_mav.config_checks import cross_checks, nearest
+from circumnav_mav.guidance.computer import GuidanceSettings
 from circumnav_mav.guidance.estimators import ESTIMATORS
 from circumnav_mav.guidance.kernel import LawContext
 from circumnav_mav.guidance.laws import LAWS
@@ -21,8 +20,7 @@ from circumnav_mav.guidance.safety import Limits as SafetyLimits
 from circumnav_mav.mavlink.setpoints import SetpointLimits
 from circumnav_mav.mavlink.vehicles import VEHICLES
 from circumnav_mav.mavlink.vehicles.plug import Options, VehicleClass
-from circumnav_mav.ranging import SOURCES, ByteSource
-from circumnav_mav.ranging.receiver import check_options
+from circumnav_mav.ranging import SOURCES
 
 Where = tuple[str | int, ...]
 
@@ -41,21 +39,24 @@ def _source(text: str) -> str:
 def _one_of(what: str, known: dict[str, Any]) -> AfterValidator:
     def check(name: str) -> str:
         if name not in known:
-            raise ValueError(f"no {what} '{name}'{_nearest(name, known)}; there are: {', '.join(known)}")
+            raise ValueError(f"no {what} '{name}'{nearest(name, known)}; there are: {', '.join(known)}")
         return name
 
     return AfterValidator(check)
 
 
-def _nearest(word: str, known: Any) -> str:
-    close = difflib.get_close_matches(word, [str(k) for k in known], n=1)
-    return f", did you mean '{close[0]}'?" if close else ""
+def _no_boolean(value: Any) -> Any:
+    if isinstance(value, bool):
+        raise ValueError(f"must be a number, not {str(value).lower()}")
+    return value
 
 
 Link = Annotated[str, AfterValidator(_link)]
 RangingEndpoint = Annotated[str, AfterValidator(_source)]
-Positive = Annotated[FiniteFloat, Field(gt=0)]
-NotNegative = Annotated[FiniteFloat, Field(ge=0)]
+Finite = Annotated[FiniteFloat, BeforeValidator(_no_boolean)]
+Whole = Annotated[int, BeforeValidator(_no_boolean)]
+Positive = Annotated[Finite, Field(gt=0)]
+NotNegative = Annotated[Finite, Field(ge=0)]
 
 
 class Section(BaseModel):
@@ -72,8 +73,8 @@ class Vehicle(Section):
     library: Literal["pymavlink", "mavsdk"] = "pymavlink"
     signing_key_file: str | None = None
     lead_s: NotNegative | None = Field(None, le=2.0)
-    pitch_deg: FiniteFloat | None = Field(None, ge=-30.0, le=30.0)
-    thrust: FiniteFloat | None = Field(None, gt=0.0, lt=1.0)
+    pitch_deg: Finite | None = Field(None, ge=-30.0, le=30.0)
+    thrust: Finite | None = Field(None, gt=0.0, lt=1.0)
 
 
 class Ranging(Section):
@@ -83,23 +84,23 @@ class Ranging(Section):
 
     source: Annotated[str, _one_of("ranging source", SOURCES)] = "distance_sensor"
     endpoint: RangingEndpoint | None = None
-    sender: tuple[Annotated[int, Field(ge=1, le=255)], Annotated[int, Field(ge=1, le=255)]] | None = Field(
+    sender: tuple[Annotated[Whole, Field(ge=1, le=255)], Annotated[Whole, Field(ge=1, le=255)]] | None = Field(
         None, alias="from"
     )
-    sensor_id: int | None = Field(None, ge=0, le=255)
-    beacon_id: int | None = Field(None, ge=0)
-    orientation: int | None = Field(None, ge=0, le=255)
+    sensor_id: Whole | None = Field(None, ge=0, le=255)
+    beacon_id: Whole | None = Field(None, ge=0)
+    orientation: Whole | None = Field(None, ge=0, le=255)
     min_m: NotNegative | None = None
     max_m: Positive | None = None
-    min_quality_pct: float | None = Field(None, ge=0, le=100)
+    min_quality_pct: Finite | None = Field(None, ge=0, le=100)
     stuck_s: NotNegative | None = None
     use_stamps: bool = True
     max_age_s: Positive = 1.0
     coast_s: NotNegative = 20.0
-    bias_m: FiniteFloat = 0.0
+    bias_m: Finite = 0.0
     latency_s: NotNegative = 0.0
     sigma_m: Positive = 0.3
-    target_height_m: FiniteFloat | None = None
+    target_height_m: Finite | None = None
 
     @property
     def options(self) -> dict[str, Any]:
@@ -122,7 +123,7 @@ class Named(BaseModel):
     """A plug by name with its own options, numbers all."""
 
     model_config = ConfigDict(extra="allow", frozen=True)
-    __pydantic_extra__: dict[str, FiniteFloat]
+    __pydantic_extra__: dict[str, Finite]
     name: str
 
     @property
@@ -160,7 +161,7 @@ class Safety(Section):
     flight_time_s: Positive | None = None
     laps: Positive | None = None
     on_used_up: Literal["hold", "return", "land"] = "hold"
-    battery_pct: Annotated[FiniteFloat, Field(ge=0, le=100)] = 20.0
+    battery_pct: Annotated[Finite, Field(ge=0, le=100)] = 20.0
     on_battery_low: Action = "return"
     height_lost_s: Positive = 3.0
     on_height_lost: Action = "hold"
@@ -171,7 +172,7 @@ class Safety(Section):
 class Loop(Section):
     """The fixed grid on which setpoints leave."""
 
-    rate_hz: Annotated[FiniteFloat, Field(ge=5, le=400)] = 50.0
+    rate_hz: Annotated[Finite, Field(ge=5, le=400)] = 50.0
 
 
 class Record(Section):
@@ -320,7 +321,13 @@ def parse(text: str, file: str = "config") -> Config:
     try:
         tree = yaml.compose(text, Loader=yaml.SafeLoader)
         lines = _Lines(tree)
+        if lines.endless:
+            raise ConfigError(
+                file, [Fault(path, line, "an alias that contains itself") for path, line in lines.endless]
+            )
         data = yaml.safe_load(text)
+    except RecursionError as error:
+        raise ConfigError(file, [Fault("", 0, "nested too deeply")]) from error
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         what = getattr(error, "problem", None) or str(error)
@@ -336,127 +343,12 @@ def parse(text: str, file: str = "config") -> Config:
     except ValidationError as error:
         faults += [_fault(e, lines) for e in error.errors()]
     if config is not None:
-        faults += [Fault(p, lines.of(tuple(p.split("."))), t) for p, t in cross_checks(config)]
+        faults += [
+            Fault(p, lines.of(tuple(p.split("."))), t) for p, t in cross_checks(config, guidance_settings(config))
+        ]
     if faults or config is None:
         raise ConfigError(file, sorted(faults, key=lambda f: f.line))
     return config
-
-
-def cross_checks(config: Config) -> Iterator[tuple[str, str]]:
-    """Yield (path, what is wrong) for values that are right alone and wrong together."""
-    orbit = config.orbit
-    yield from _vehicle_checks(config)
-    room_m = 2.0 * band_of(guidance_settings(config)).margin
-    if orbit.r_min_m is not None and orbit.r_min_m > orbit.radius_m - room_m:
-        yield (
-            "orbit.r_min_m",
-            f"must be at least {room_m:.1f} m below the radius: the barrier would bend the orbit itself",
-        )
-    if orbit.r_max_m is not None and orbit.r_max_m < orbit.radius_m + room_m:
-        yield (
-            "orbit.r_max_m",
-            f"must be at least {room_m:.1f} m above the radius: the barrier would bend the orbit itself",
-        )
-    law = LAWS[config.law.name]
-    unknown = set(config.law.options) - set(law.options)
-    yield from (("law." + k, f"no option of {law.name}{_nearest(k, law.options)}") for k in sorted(unknown))
-    if not unknown:
-        try:
-            law.parameters({**law.options, **config.law.options}, config.law_context())
-        except ValueError as error:
-            key = next((k for k in ("kappa", "k") if k in config.law.options), "name")
-            yield f"law.{key}", str(error)
-    estimator = ESTIMATORS[config.estimator.name]
-    unknown = set(config.estimator.options) - set(estimator.options)
-    yield from (("estimator." + k, f"no option of {estimator.name}{_nearest(k, estimator.options)}") for k in unknown)
-    if config.ranging.max_age_s * config.loop.rate_hz < 2:
-        yield "ranging.max_age_s", "shorter than two ticks of loop.rate_hz: every range would be stale"
-    if config.engage == "auto" and orbit.height_m is None:
-        yield "engage", "auto takes off by itself and needs orbit.height_m, the height to climb to"
-    yield from _ranging_checks(config.ranging)
-    if config.ranging.endpoint and endpoint.parse(config.ranging.endpoint) == endpoint.parse(config.vehicle.link):
-        yield "ranging.endpoint", "is vehicle.link: leave it out, and ranges are taken from that link"
-    if config.ranging.sender and config.ranging.sender[1] == 1:
-        yield "ranging.from", "component 1 is the autopilot: its own range finder and its echoes are never flown on"
-
-
-MAVSDK_LEAST_HZ = 20.0
-"""Half of the 100 ms after which the process that MAVSDK lives in takes the app for dead."""
-
-
-def _mavsdk_checks(config: Config) -> Iterator[tuple[str, str]]:
-    if config.vehicle.kind != "px4_multirotor":
-        yield "vehicle.library", "mavsdk flies px4_multirotor only (its other setpoints lose fields): use pymavlink"
-    if config.loop.rate_hz < MAVSDK_LEAST_HZ:
-        yield (
-            "loop.rate_hz",
-            f"mavsdk needs at least {MAVSDK_LEAST_HZ:g} Hz: 100 ms without setpoint count as a dead app",
-        )
-    if config.vehicle.signing_key_file is not None:
-        yield "vehicle.signing_key_file", "not with library mavsdk: use pymavlink"
-
-
-def _vehicle_checks(config: Config) -> Iterator[tuple[str, str]]:
-    orbit, limits, vehicle = config.orbit, config.limits, config.vehicle_class
-    needed, most = orbit.speed_m_s / orbit.radius_m, config.turn_rate_limit_rad_s
-    if needed > most:
-        limit = f"limits.turn_rate_rad_s = {limits.turn_rate_rad_s:g}"
-        if most < limits.turn_rate_rad_s:
-            limit = f"the {most:.3f} rad/s that " + (
-                f"limits.bank_deg = {limits.bank_deg:g} gives" if vehicle.banks else f"{vehicle.name} accelerates to"
-            )
-        yield (
-            "orbit.radius_m",
-            f"flying {orbit.speed_m_s:g} m/s on {orbit.radius_m:g} m turns at {needed:.3f} rad/s, above {limit}: "
-            "raise the radius or the limit, or fly slower",
-        )
-    if vehicle.wants_pitch and config.vehicle.pitch_deg is None:
-        yield (
-            "vehicle.pitch_deg",
-            f"{vehicle.name} measures no speed: give the pitch (nose up, so below 0) at which the vehicle flies "
-            f"orbit.speed_m_s = {orbit.speed_m_s:g} through still air",
-        )
-    if config.vehicle.library == "mavsdk":
-        yield from _mavsdk_checks(config)
-    if vehicle.words.land is None:
-        for key, action in config.safety:
-            if action == "land" and (key != "on_estimates_lost" or vehicle.estimates):
-                yield f"safety.{key}", f"{vehicle.words.autopilot} has no landing mode: hold, return or stop"
-    if config.engage == "auto" and vehicle.take_off is None:
-        yield "engage", f"auto takes off, and {vehicle.name} does not: engage: pilot"
-    if config.on_range_lost == "land" and vehicle.words.land is None:
-        yield "on_range_lost", f"{vehicle.words.autopilot} has no landing mode: hold, return or stop"
-
-
-def _ranging_checks(ranging: Ranging) -> Iterator[tuple[str, str]]:
-    source = SOURCES[ranging.source]
-    own = list(source.options) if isinstance(source, ByteSource) else []
-    unknown = [key for key in ranging.options if key not in own]
-    known = [*_keys_at(("ranging",)), *own]
-    yield from ((f"ranging.{key}", f"no such key for {source.name}{_nearest(key, known)}") for key in unknown)
-    if isinstance(source, ByteSource):
-        if not unknown:
-            yield from _option_faults(source, ranging.options)
-        if ranging.endpoint is None:
-            yield (
-                "ranging.endpoint",
-                f"{source.name} is a device of its own: say where, as in serial:///dev/ttyUSB0:{source.baud}",
-            )
-    if ranging.endpoint and endpoint.parse(ranging.endpoint).kind == "file" and source.name != "replay":
-        yield "ranging.endpoint", f"a file is read by the source replay, not by {source.name}"
-    if ranging.min_m is not None and ranging.max_m is not None and ranging.min_m >= ranging.max_m:
-        yield "ranging.min_m", f"{ranging.min_m:g} m is not below ranging.max_m, {ranging.max_m:g} m"
-
-
-def _option_faults(source: ByteSource, options: dict[str, Any]) -> Iterator[tuple[str, str]]:
-    """Yield what the source itself says of its options; its words begin with `ranging.KEY` or `ranging:`."""
-    try:
-        check_options(source, options)
-        source.decoder(options)
-    except ValueError as error:
-        match = re.match(r"ranging(?:\.(\w+))?:? (.*)", str(error), re.DOTALL)
-        key, words = (match[1], match[2]) if match else (None, str(error))
-        yield f"ranging.{key or 'source'}", words
 
 
 def _fault(error: Any, lines: _Lines) -> Fault:
@@ -464,10 +356,10 @@ def _fault(error: Any, lines: _Lines) -> Fault:
     path = ".".join(str(p) for p in where)
     if error["type"] == "extra_forbidden":
         known = _keys_at(where[:-1])
-        return Fault(path, lines.of(where), f"no such key{_nearest(str(where[-1]), known) or '; ' + _listed(known)}")
+        return Fault(path, lines.of(where), f"no such key{nearest(str(where[-1]), known) or '; ' + _listed(known)}")
     message = error["msg"].removeprefix("Value error, ")
     if error["type"] == "literal_error":
-        message = f"must be {error['ctx']['expected']}{_nearest(str(error['input']), _quoted(error))}"
+        message = f"must be {error['ctx']['expected']}{nearest(str(error['input']), _quoted(error))}"
     elif error["type"] != "value_error":
         message = f"{message[0].lower()}{message[1:]}, not {error['input']!r}"
     return Fault(path, lines.of(where), message)
@@ -495,15 +387,24 @@ def _keys_at(where: Where) -> list[str]:
 
 
 class _Lines:
-    """Which line of the file each key stands on, and which keys stand there twice."""
+    """Which line of the file each key stands on, which keys stand there twice, and which aliases contain themselves."""
 
     def __init__(self, tree: yaml.Node | None) -> None:
         self._at: dict[Where, int] = {}
+        self._open: set[int] = set()  # ids of the nodes that the walk is inside of
+        self._seen: set[int] = set()  # ids of all nodes: what an alias repeats is walked once
         self.twice: list[tuple[str, int]] = []
+        self.endless: list[tuple[str, int]] = []
         if tree is not None:
             self._walk(tree, ())
 
     def _walk(self, node: yaml.Node, where: Where) -> None:
+        if id(node) in self._open:
+            self.endless.append((".".join(str(p) for p in where), self.of(where)))
+        if id(node) in self._seen:
+            return
+        self._seen.add(id(node))
+        self._open.add(id(node))
         if isinstance(node, yaml.MappingNode):
             for key, value in node.value:
                 here = (*where, str(key.value))
@@ -512,6 +413,10 @@ class _Lines:
                     self.twice.append((".".join(str(p) for p in here), line))
                 self._at[here] = line
                 self._walk(value, here)
+        elif isinstance(node, yaml.SequenceNode):
+            for n, item in enumerate(node.value):
+                self._walk(item, (*where, n))
+        self._open.discard(id(node))
 
     def of(self, where: Where) -> int:
         """Return the line of a path, or of the nearest part of it that stands in the file; 0 for none."""

@@ -76,7 +76,7 @@ def _turn_rate(f: Flight) -> Iterator[Finding]:
         cure = f"kappa {free:.3g} or less never does" if free >= 1.0 else "here every kappa can"
         text = (
             f"the law asks for up to 2 k V = {greatest:.3g} rad/s, the limit is {limit:.3g}: "
-            f"entries from far or head-on will saturate ({cure})"
+            f"entries from far or head-on will saturate ({cure}), and then turn on V / limit = {f.V / limit:.4g} m"
         )
         yield Finding("warning", "saturation", text)
     else:

@@ -34,5 +34,6 @@ SOURCE = ByteSource(
     summary="DWM1001 (PANS shell, command les): centimetres, several anchors by hexadecimal id",
     decoder=lambda options: LineDecoder(parse),
     resolution_m=0.01,
+    has_beacon_id=True,
     start=((0.0, b"\r\r"), (1.0, b"les\r")),
 )

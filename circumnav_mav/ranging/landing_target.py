@@ -24,4 +24,5 @@ SOURCE = MessageSource(
     message_ids=(149,),
     read=read,
     resolution_m=0.0,
+    has_beacon_id=True,
 )

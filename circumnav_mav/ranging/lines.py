@@ -129,6 +129,7 @@ SOURCE = ByteSource(
     summary="any device that sends lines: by a regular expression or JSON paths, with units",
     decoder=decoder,
     resolution_m=0.01,
+    has_beacon_id=True,
     has_rate=True,
     options={
         "pattern": "regular expression with named groups: range, and if present rate, sigma, time, beacon_id, quality",

@@ -85,6 +85,7 @@ SOURCE = ByteSource(
     summary="Nooploop LinkTrack UWB, NLink NodeFrame2 or NodeFrame3: millimetres, several nodes by id",
     decoder=Decoder,
     resolution_m=0.001,
+    has_beacon_id=True,
     baud=921_600,
     options={
         "max_path_gap_db": "reject a range whose first path is this much weaker than the total signal: no line of sight"

@@ -97,6 +97,7 @@ class MessageSource:
     read: Callable[[Any, float], Reading | Rejected]  # (object with the message's fields, now_s)
     resolution_m: float  # least step of the range
     has_rate: bool = False
+    has_beacon_id: bool = False  # ranging.beacon_id can choose
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,6 +110,7 @@ class ByteSource:
     resolution_m: float
     baud: int = 115_200
     has_rate: bool = False
+    has_beacon_id: bool = False  # ranging.beacon_id can choose
     options: Mapping[str, str] = field(default_factory=dict)  # every key it understands, with what it means
     start: tuple[tuple[float, bytes], ...] = ()  # (wait s, send) steps that make a silent device talk
 

@@ -36,4 +36,5 @@ SOURCE = MessageSource(
     message_ids=(513,),
     read=read,
     resolution_m=1.0 / MM,
+    has_beacon_id=True,
 )

@@ -6,6 +6,7 @@ import asyncio
 import os
 import signal
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
 from math import inf, nan
@@ -39,6 +40,7 @@ class Options:
     wait_s: float = inf  # give up when the autopilot or the range has not been heard by then
     end_on_release: bool = False  # nobody is there to engage again (demo)
     end_after_orbiting_s: float = inf
+    gone: Callable[[], str] | None = None  # asked every tick: why the vehicle's process is no more (demo), or nothing
 
 
 @dataclass(slots=True)
@@ -203,6 +205,8 @@ class App:
         flight, options = self.flight, self._options
         if flight.problem:
             return "refused", flight.problem
+        if options.gone is not None and (why := options.gone()):
+            return "no_autopilot", why
         if now_s >= self._end_by_s:
             return "stopped", "the autopilot did not confirm the end; setpoints have stopped"
         if now_s >= options.wait_s and not flight.engaged_s < inf:

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import math
 import random
+import shutil
 import subprocess
 import sys
+import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -78,67 +80,94 @@ def _show(config: Config) -> Show:
     return show
 
 
+class _Stub:
+    """The vehicle stub as a process; its truth file and its complaints lie in `directory`."""
+
+    def __init__(self, arguments: list[str], directory: Path) -> None:
+        self.truth = directory / "truth.csv"
+        self._arguments = [f"--truth={self.truth}", *arguments]
+        self._complaints = directory / "complaints.txt"
+        self._child: subprocess.Popen[bytes] | None = None
+
+    def start(self, port: int) -> None:
+        command = [sys.executable, "-m", "sitl_stub", "--offboard-port", str(port), *self._arguments]
+        with self._complaints.open("wb") as complaints:  # a file: nobody need read it while the stub runs
+            self._child = subprocess.Popen(
+                command, start_new_session=True, stdout=subprocess.DEVNULL, stderr=complaints
+            )
+
+    def gone(self) -> str:
+        """Return why the stub has ended, in its own last words; empty while it runs."""
+        if self._child is None or (code := self._child.poll()) is None:
+            return ""
+        said = self._complaints.read_text(errors="replace").strip().splitlines()
+        return f"the vehicle stub ended (exit code {code})" + (f": {said[-1]}" if said else "")
+
+    def stop(self) -> None:
+        if self._child is None:
+            return
+        self._child.terminate()
+        try:
+            self._child.wait(STUB_STOP_S)
+        except subprocess.TimeoutExpired:
+            self._child.kill()
+            self._child.wait()
+
+
 def run_demo(config: Config, *, speed: float, seed: int, duration_s: float | None, stub_args: list[str]) -> Outcome:
     """Fly the demo and return its outcome. Raises LinkError where the stub does not start."""
-    orbit, show = config.orbit, _show(config)
+    with tempfile.TemporaryDirectory(prefix="circumnav-") as directory:
+        stub = _Stub(_stub_arguments(config, speed, seed) + stub_args, Path(directory))
+        outcome = _fly(config, stub, speed, seed, duration_s)
+        if outcome.directory is not None and stub.truth.exists():
+            try:
+                shutil.move(stub.truth, outcome.directory / "truth.csv")
+            except OSError as error:
+                outcome.notes.append(f"no truth.csv: {error.strerror or error}")
+    return outcome
+
+
+def _stub_arguments(config: Config, speed: float, seed: int) -> list[str]:
+    start_m, bearing = _show(config).start_m, random.Random(seed).uniform(0.0, 2 * math.pi)
+    return [
+        "--offboard-listen=0",
+        "--gcs-port=0",
+        "--gcs-listen=0",
+        f"--speed={speed:g}",
+        f"--seed={seed}",
+        f"--beacon={start_m * math.cos(bearing):.3f},{start_m * math.sin(bearing):.3f}",
+        f"--heading={-math.degrees(bearing) % 360.0:.3f}",
+        f"--airframe={config.vehicle_class.airframe}",
+        f"--sigma={config.ranging.sigma_m:g}",
+    ]
+
+
+def _fly(config: Config, stub: _Stub, speed: float, seed: int, duration_s: float | None) -> Outcome:
+    orbit = config.orbit
     lap_s = 2 * math.pi * orbit.radius_m / orbit.speed_m_s
     options = Options(
         duration_s=longest_s(config) if duration_s is None else duration_s,
         wait_s=30.0 * max(1.0, speed),
         end_on_release=True,
-        end_after_orbiting_s=math.inf if duration_s is not None else show.laps * lap_s,
+        end_after_orbiting_s=math.inf if duration_s is not None else _show(config).laps * lap_s,
+        gone=stub.gone,
     )
-    stub: list[subprocess.Popen[bytes]] = []
-    parent = Path(config.record.directory)
-    parent.mkdir(parents=True, exist_ok=True)
-    truth = parent / f".truth-{random.SystemRandom().getrandbits(32):08x}.csv"
-    bearing = random.Random(seed).uniform(0.0, 2 * math.pi)
-    beacon = f"{show.start_m * math.cos(bearing):.3f},{show.start_m * math.sin(bearing):.3f}"
-
-    def start_stub(port: int) -> None:
-        command = [sys.executable, "-m", "sitl_stub", "--offboard-port", str(port), "--offboard-listen", "0"]
-        command += [
-            "--gcs-port",
-            "0",
-            "--gcs-listen",
-            "0",
-            "--speed",
-            f"{speed:g}",
-            "--seed",
-            str(seed),
-            "--beacon=" + beacon,
-            f"--heading={-math.degrees(bearing) % 360.0:.3f}",
-            f"--airframe={config.vehicle_class.airframe}",
-        ]
-        command += ["--sigma", f"{config.ranging.sigma_m:g}", "--truth", str(truth), *stub_args]
-        stub.append(subprocess.Popen(command, start_new_session=True, stdout=subprocess.DEVNULL))
+    end: list[str] = []
 
     def stop_stub() -> None:
-        for child in stub:
-            child.terminate()
-            try:
-                child.wait(STUB_STOP_S)
-            except subprocess.TimeoutExpired:
-                child.kill()
-                child.wait()
+        end.append(stub.gone())
+        stub.stop()
 
-    view = open_view(f"circumnav demo  {orbit.radius_m:g} m at {orbit.speed_m_s:g} m/s, {speed:g} x real time")
-    title = f"circumnav demo: {orbit.radius_m:g} m {orbit.direction} at {orbit.speed_m_s:g} m/s, seed {seed}"
-    try:
-        outcome = fly(
-            config,
-            Clock(speed),
-            view,
-            options,
-            title=title,
-            truth_file=truth,
-            on_open=start_stub,
-            before_report=stop_stub,
-        )
-    finally:
-        kept = truth.exists()
-    if kept and outcome.directory is not None:
-        truth.rename(outcome.directory / "truth.csv")
-    if stub and stub[0].returncode not in (0, None) and outcome.result.outcome == "no_autopilot":
-        raise LinkError(f"the vehicle stub did not start (exit code {stub[0].returncode})")
+    outcome = fly(
+        config,
+        Clock(speed),
+        open_view(f"circumnav demo  {orbit.radius_m:g} m at {orbit.speed_m_s:g} m/s, {speed:g} x real time"),
+        options,
+        title=f"circumnav demo: {orbit.radius_m:g} m {orbit.direction} at {orbit.speed_m_s:g} m/s, seed {seed}",
+        truth_file=stub.truth,
+        on_open=stub.start,
+        before_report=stop_stub,
+    )
+    if outcome.result.outcome == "no_autopilot" and not outcome.result.engaged_s < math.inf and any(end):
+        raise LinkError(end[0])
     return outcome

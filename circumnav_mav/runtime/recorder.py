@@ -26,13 +26,13 @@ class _Item(NamedTuple):
 
 
 class Recorder:
-    """Writes into a new numbered directory under `parent`. Problems are kept in `problem`, never raised: a full disk
+    """Writes into a new numbered directory under `parent`. Problems are told by `problem`, never raised: a full disk
     does not stop a flight. `directory` is None where not even the directory could be made.
     """
 
     def __init__(self, parent: Path, *, tlog: bool, header: Iterable[str]) -> None:
-        self.problem = ""
         self.dropped = 0
+        self._error = ""
         self.directory: Path | None = None
         self._epoch_us = time.time_ns() // 1000 - time.monotonic_ns() // 1000
         self._queue: queue.SimpleQueue[_Item | None] = queue.SimpleQueue()
@@ -42,10 +42,17 @@ class Recorder:
             for name in ("ticks.csv", "events.log", *(["flight.tlog"] if tlog else [])):
                 self._files[name] = (self.directory / name).open("wb")
         except OSError as error:
-            self._note(error)
+            self._note(error, self.directory or parent)
         self._put("ticks.csv", (",".join(header) + "\n").encode())
         self._thread = threading.Thread(target=self._write, name="recorder", daemon=True)
         self._thread.start()
+
+    @property
+    def problem(self) -> str:
+        """What is missing in the record and why, in words; empty where it is whole."""
+        lost = f"{self.dropped} lines and frames dropped: the disk did not keep up" if self.dropped else ""
+        why = "; ".join(text for text in (self._error, lost) if text)
+        return f"the record is incomplete: {why}" if why else ""
 
     def frame(self, raw: bytes) -> None:
         """Record a frame, received or sent, now: 8 bytes of microseconds, big-endian, then the frame."""
@@ -85,27 +92,28 @@ class Recorder:
                 self._flush()
                 flush_next = time.monotonic() + FLUSH_S
         self._flush()
-        for file in self._files.values():
+        for name, file in self._files.items():
             try:
                 file.close()
             except OSError as error:
-                self._note(error)
+                self._note(error, name)
 
     def _try(self, item: _Item) -> None:
         try:
             self._files[item.file].write(item.data)
         except OSError as error:
-            self._note(error)
+            self._note(error, item.file)
 
     def _flush(self) -> None:
-        for file in self._files.values():
+        for name, file in self._files.items():
             try:
                 file.flush()
             except OSError as error:
-                self._note(error)
+                self._note(error, name)
 
-    def _note(self, error: OSError) -> None:
-        self.problem = self.problem or f"the record is incomplete: {error.strerror or error}"
+    def _note(self, error: OSError, where: str | Path) -> None:
+        path = error.filename or (self.directory / where if self.directory else where)
+        self._error = self._error or f"{path}: {error.strerror or error}"
 
     def close(self) -> None:
         """Write what is waiting, and close the files."""

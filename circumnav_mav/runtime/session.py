@@ -61,7 +61,7 @@ def fly(
         recorder.close()
         if before_report is not None:
             before_report()
-    result.record_problem = result.record_problem or recorder.problem
+    result.record_problem = recorder.problem
     return _report(config, result, recorder.directory, truth_file, title)
 
 

@@ -57,10 +57,27 @@ def test_every_fault_is_reported_at_once_with_its_line():
         ("- 1", "sections"),
         ("wombat: 1", "no such key"),
         ("loop: {rate_hz: 5000}", "400"),
+        ("orbit: &a {b: *a}", "c.yaml:1: orbit.b: an alias that contains itself"),
+        ("orbit: &a {<<: *a}", "contains itself"),
+        ("ranging: &a {source: lines, json: [*a]}", "contains itself"),
+        ("orbit: " + "[" * 5000, "nested too deeply"),
+        ("ranging: {latency_s: 1.0, max_age_s: 1.0}", "every range would be stale"),
+        ("ranging: {coast_s: 0.9, max_age_s: 1.0}", "is below max_age_s"),
+        ("orbit: {radius_m: true}", "must be a number, not true"),
+        ("law: {kappa: yes}", "must be a number, not true"),
+        ("ranging: {sensor_id: false}", "must be a number, not false"),
+        ("ranging: {from: [true, 158]}", "must be a number, not true"),
     ],
 )
 def test_faults_say_what_and_what_to_do(text, words):
     assert any(words in line for line in faults(text)), faults(text)
+
+
+def test_an_alias_may_be_used_twice_and_ages_may_meet():
+    config = parse("orbit: {radius_m: &r 60, r_max_m: 100}\nranging: {max_age_s: &s 2, coast_s: *s, latency_s: 1.9}\n")
+    assert config.orbit.radius_m == 60 and config.ranging.coast_s == 2
+    mappings = "a0: &a0 {x: 1}\n" + "".join(f"a{n}: &a{n} {{x: *a{n - 1}, y: *a{n - 1}}}\n" for n in range(1, 60))
+    assert len(faults(mappings)) == 60  # 60 unknown keys, and not 2**60 steps
 
 
 def test_a_missing_file_is_one_line():

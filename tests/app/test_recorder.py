@@ -83,7 +83,8 @@ def test_a_full_disk_is_noted_and_nothing_is_raised(tmp_path):
         recorder.frame(heartbeat(1))
     recorder.tick((1.0,))
     recorder.close()
-    assert "No space left" in recorder.problem
+    path = recorder.directory / "flight.tlog"
+    assert recorder.problem == f"the record is incomplete: {path}: No space left on device"
     assert read_columns(recorder.directory / "ticks.csv")["t_s"] == ["1"]
 
 
@@ -95,7 +96,16 @@ def test_a_directory_that_cannot_be_made_is_noted_and_nothing_is_raised(tmp_path
     recorder.frame(heartbeat(1))
     recorder.close()
     assert recorder.directory is None
-    assert "incomplete" in recorder.problem
+    assert recorder.problem == f"the record is incomplete: {blocker}/flights: Not a directory"
+
+
+def test_what_is_dropped_is_told(tmp_path, monkeypatch):
+    monkeypatch.setattr("circumnav_mav.runtime.recorder.MOST_WAITING", 0)
+    recorder = Recorder(tmp_path, tlog=True, header=["t_s"])
+    for _ in range(3):
+        recorder.frame(heartbeat(1))
+    recorder.close()
+    assert "incomplete: 4 lines and frames dropped" in recorder.problem  # the header of ticks.csv, too
 
 
 @pytest.mark.parametrize("cut", [1, 3])

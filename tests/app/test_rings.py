@@ -43,6 +43,7 @@ RULES: dict[str, set[str]] = {
     "circumnav_mav/flight.py": {"circumnav_mav.runtime", "circumnav_mav.study", *WORLD},
     "circumnav_mav/range_feed.py": {"circumnav_mav.runtime", "circumnav_mav.study", *WORLD},
     "circumnav_mav/config.py": {"circumnav_mav.runtime", "circumnav_mav.study", *WORLD},
+    "circumnav_mav/config_checks.py": {"circumnav_mav.runtime", "circumnav_mav.study", *WORLD},
     "circumnav_mav/runtime": {"circumnav_mav.study"},
     "circumnav_mav": {"sitl_stub", "pymavlink.mavutil"},
     "sitl_stub": {"circumnav_mav", "pymavlink.mavutil"},

@@ -40,6 +40,13 @@ def test_each_fault_is_named_and_nothing_else(name, flight, wrong):
         assert ("suits" in sentence) is (not wrong)
 
 
+def test_the_least_turn_radius_is_told_saturated_or_not():
+    saturated = next(f for f in report(replace(QUAD, kappa=8.0, lag_s=0.1)) if f.topic == "saturation")
+    assert "turn on V / limit = 3.333 m" in saturated.text  # 5 m/s at 1.5 rad/s; 2 k V is 1.6
+    free = next(f for f in report(QUAD) if f.topic == "turn_rate")
+    assert "a turn on 8.333 m" in free.text  # r_a / (2 kappa)
+
+
 def test_unknown_things_are_left_out_and_a_gain_below_one_is_refused():
     assert {f.topic for f in report(Flight(10.0, 4.0, 1.0))} == {"gain", "recurrence"}
     with pytest.raises(ValueError, match="kappa"):

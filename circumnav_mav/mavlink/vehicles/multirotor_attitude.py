@@ -118,5 +118,6 @@ PX4_MULTIROTOR_ATTITUDE = VehicleClass(
     encoder=Attitude,
     take_off=TakeOff(None, "amsl", frozenset({px4_modes.TAKEOFF}), px4_modes.HOLD, level_s=3.0),
     banks=True,
+    attitude=True,
     wants_pitch=True,
 )

@@ -91,6 +91,7 @@ class VehicleClass:
     lead_s: float = 0.0  # lag of the course behind the nose, measured, taken out by turning the velocity ahead
     banks: bool = False  # turns by limits.bank_deg
     lateral_m_s2: float = inf  # acceleration across the course that the autopilot gives at most
+    attitude: bool = False  # flies by attitude: takes vehicle.pitch_deg and vehicle.thrust
     wants_pitch: bool = False  # cannot fly without vehicle.pitch_deg
 
     def turn_rate_limit(self, turn_rate_rad_s: float, bank_rad: float, speed_m_s: float) -> float:

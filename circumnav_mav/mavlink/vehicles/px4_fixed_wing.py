@@ -150,4 +150,5 @@ PX4_FIXED_WING = VehicleClass(
     encoder=Bank,
     take_off=TAKE_OFF,
     banks=True,
+    attitude=True,
 )

@@ -1,0 +1,155 @@
+"""What is wrong with settings that are right alone and wrong together."""
+
+from __future__ import annotations
+
+import difflib
+import re
+from collections.abc import Iterable, Iterator
+from typing import TYPE_CHECKING, Any
+
+from circumnav_mav import endpoint
+from circumnav_mav.guidance.computer import GuidanceSettings, band_of
+from circumnav_mav.guidance.estimators import ESTIMATORS
+from circumnav_mav.guidance.laws import LAWS
+from circumnav_mav.ranging import SOURCES, ByteSource
+from circumnav_mav.ranging.receiver import check_options
+
+if TYPE_CHECKING:
+    from circumnav_mav.config import Config, Ranging
+
+
+def nearest(word: str, known: Iterable[object]) -> str:
+    """Return `, did you mean '...'?` for the known word that is most like it; empty where none is."""
+    close = difflib.get_close_matches(word, [str(k) for k in known], n=1)
+    return f", did you mean '{close[0]}'?" if close else ""
+
+
+def cross_checks(config: Config, guidance: GuidanceSettings) -> Iterator[tuple[str, str]]:
+    """Yield (path, what is wrong) for values that are right alone and wrong together."""
+    orbit = config.orbit
+    yield from _vehicle_checks(config)
+    room_m = 2.0 * band_of(guidance).margin
+    if orbit.r_min_m is not None and orbit.r_min_m > orbit.radius_m - room_m:
+        yield (
+            "orbit.r_min_m",
+            f"must be at least {room_m:.1f} m below the radius: the barrier would bend the orbit itself",
+        )
+    if orbit.r_max_m is not None and orbit.r_max_m < orbit.radius_m + room_m:
+        yield (
+            "orbit.r_max_m",
+            f"must be at least {room_m:.1f} m above the radius: the barrier would bend the orbit itself",
+        )
+    law = LAWS[config.law.name]
+    unknown = set(config.law.options) - set(law.options)
+    yield from (("law." + k, f"no option of {law.name}{nearest(k, law.options)}") for k in sorted(unknown))
+    if not unknown:
+        try:
+            law.parameters({**law.options, **config.law.options}, config.law_context())
+        except ValueError as error:
+            key = next((k for k in ("kappa", "k") if k in config.law.options), "name")
+            yield f"law.{key}", str(error)
+    estimator = ESTIMATORS[config.estimator.name]
+    unknown = set(config.estimator.options) - set(estimator.options)
+    yield from (("estimator." + k, f"no option of {estimator.name}{nearest(k, estimator.options)}") for k in unknown)
+    if config.ranging.max_age_s * config.loop.rate_hz < 2:
+        yield "ranging.max_age_s", "shorter than two ticks of loop.rate_hz: every range would be stale"
+    yield from _age_checks(config.ranging)
+    if config.engage == "auto" and orbit.height_m is None:
+        yield "engage", "auto takes off by itself and needs orbit.height_m, the height to climb to"
+    yield from _ranging_checks(config.ranging)
+    if config.ranging.endpoint and endpoint.parse(config.ranging.endpoint) == endpoint.parse(config.vehicle.link):
+        yield "ranging.endpoint", "is vehicle.link: leave it out, and ranges are taken from that link"
+    if config.ranging.sender and config.ranging.sender[1] == 1:
+        yield "ranging.from", "component 1 is the autopilot: its own range finder and its echoes are never flown on"
+
+
+MAVSDK_LEAST_HZ = 20.0
+"""Half of the 100 ms after which the process that MAVSDK lives in takes the app for dead."""
+
+
+def _mavsdk_checks(config: Config) -> Iterator[tuple[str, str]]:
+    if config.vehicle.kind != "px4_multirotor":
+        yield "vehicle.library", "mavsdk flies px4_multirotor only (its other setpoints lose fields): use pymavlink"
+    if config.loop.rate_hz < MAVSDK_LEAST_HZ:
+        yield (
+            "loop.rate_hz",
+            f"mavsdk needs at least {MAVSDK_LEAST_HZ:g} Hz: 100 ms without setpoint count as a dead app",
+        )
+    if config.vehicle.signing_key_file is not None:
+        yield "vehicle.signing_key_file", "not with library mavsdk: use pymavlink"
+
+
+def _vehicle_checks(config: Config) -> Iterator[tuple[str, str]]:
+    orbit, limits, vehicle = config.orbit, config.limits, config.vehicle_class
+    needed, most = orbit.speed_m_s / orbit.radius_m, config.turn_rate_limit_rad_s
+    if needed > most:
+        limit = f"limits.turn_rate_rad_s = {limits.turn_rate_rad_s:g}"
+        if most < limits.turn_rate_rad_s:
+            limit = f"the {most:.3f} rad/s that " + (
+                f"limits.bank_deg = {limits.bank_deg:g} gives" if vehicle.banks else f"{vehicle.name} accelerates to"
+            )
+        yield (
+            "orbit.radius_m",
+            f"flying {orbit.speed_m_s:g} m/s on {orbit.radius_m:g} m turns at {needed:.3f} rad/s, above {limit}: "
+            "raise the radius or the limit, or fly slower",
+        )
+    if vehicle.wants_pitch and config.vehicle.pitch_deg is None:
+        yield (
+            "vehicle.pitch_deg",
+            f"{vehicle.name} measures no speed: give the pitch (nose up, so below 0) at which the vehicle flies "
+            f"orbit.speed_m_s = {orbit.speed_m_s:g} through still air",
+        )
+    if config.vehicle.library == "mavsdk":
+        yield from _mavsdk_checks(config)
+    if vehicle.words.land is None:
+        for key, action in config.safety:
+            if action == "land" and (key != "on_estimates_lost" or vehicle.estimates):
+                yield f"safety.{key}", f"{vehicle.words.autopilot} has no landing mode: hold, return or stop"
+    if config.engage == "auto" and vehicle.take_off is None:
+        yield "engage", f"auto takes off, and {vehicle.name} does not: engage: pilot"
+    if config.on_range_lost == "land" and vehicle.words.land is None:
+        yield "on_range_lost", f"{vehicle.words.autopilot} has no landing mode: hold, return or stop"
+
+
+def _age_checks(ranging: Ranging) -> Iterator[tuple[str, str]]:
+    if ranging.latency_s >= ranging.max_age_s:
+        yield (
+            "ranging.latency_s",
+            f"{ranging.latency_s:g} s is not below max_age_s, {ranging.max_age_s:g} s: every range would be stale",
+        )
+    if ranging.coast_s < ranging.max_age_s:
+        yield (
+            "ranging.coast_s",
+            f"{ranging.coast_s:g} s is below max_age_s, {ranging.max_age_s:g} s: both count from the last range",
+        )
+
+
+def _ranging_checks(ranging: Ranging) -> Iterator[tuple[str, str]]:
+    source = SOURCES[ranging.source]
+    own = list(source.options) if isinstance(source, ByteSource) else []
+    unknown = [key for key in ranging.options if key not in own]
+    known = [*(field.alias or key for key, field in type(ranging).model_fields.items()), *own]
+    yield from ((f"ranging.{key}", f"no such key for {source.name}{nearest(key, known)}") for key in unknown)
+    if isinstance(source, ByteSource):
+        if not unknown:
+            yield from _option_faults(source, ranging.options)
+        if ranging.endpoint is None:
+            yield (
+                "ranging.endpoint",
+                f"{source.name} is a device of its own: say where, as in serial:///dev/ttyUSB0:{source.baud}",
+            )
+    if ranging.endpoint and endpoint.parse(ranging.endpoint).kind == "file" and source.name != "replay":
+        yield "ranging.endpoint", f"a file is read by the source replay, not by {source.name}"
+    if ranging.min_m is not None and ranging.max_m is not None and ranging.min_m >= ranging.max_m:
+        yield "ranging.min_m", f"{ranging.min_m:g} m is not below ranging.max_m, {ranging.max_m:g} m"
+
+
+def _option_faults(source: ByteSource, options: dict[str, Any]) -> Iterator[tuple[str, str]]:
+    """Yield what the source itself says of its options; its words begin with `ranging.KEY` or `ranging:`."""
+    try:
+        check_options(source, options)
+        source.decoder(options)
+    except ValueError as error:
+        match = re.match(r"ranging(?:\.(\w+))?:? (.*)", str(error), re.DOTALL)
+        key, words = (match[1], match[2]) if match else (None, str(error))
+        yield f"ranging.{key or 'source'}", words

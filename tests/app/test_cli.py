@@ -1,0 +1,125 @@
+"""The command line: what it refuses before anything moves, and its exit codes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from circumnav_mav import cli
+from circumnav_mav.report import summarise
+from circumnav_mav.runtime.app import Result
+from circumnav_mav.runtime.session import Outcome
+
+ROOT = Path(__file__).parents[2]
+
+
+def run(*arguments: str):
+    return CliRunner().invoke(cli.app, list(arguments))
+
+
+def written(tmp_path, text: str) -> str:
+    path = tmp_path / "c.yaml"
+    path.write_text(text)
+    return str(path)
+
+
+@pytest.fixture
+def flown(monkeypatch):
+    """Every flight ends at once, as `flown.append` says; without it none may start."""
+    results: list[Result] = []
+
+    def fly(config, *_, **__) -> Outcome:
+        result = results.pop()
+        return Outcome(result, summarise(config, result, {}, None), None, None, [])
+
+    monkeypatch.setattr(cli, "fly", fly)
+    return results
+
+
+def test_check_says_by_its_exit_code_that_the_orbit_will_not_be_held(tmp_path):
+    done = run("check", written(tmp_path, "law: {kappa: 20}"))
+    assert done.exit_code == 1
+    assert "This will not hold the orbit" in done.stdout
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "configs").glob("*.yaml")), ids=lambda p: p.name)
+def test_check_passes_every_shipped_configuration_and_finds_no_idle_key_in_it(path):
+    done = run("check", str(path))
+    assert done.exit_code == 0
+    assert "does nothing" not in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("ranging: {beacon_id: 3}", "ranging.beacon_id does nothing: distance_sensor"),
+        ("vehicle: {pitch_deg: -4}", "vehicle.pitch_deg does nothing: px4_multirotor"),
+        ("vehicle: {thrust: 0.4}", "vehicle.thrust does nothing: px4_multirotor"),
+        ("limits: {bank_deg: 20}", "limits.bank_deg does nothing: px4_multirotor"),
+    ],
+)
+def test_check_warns_of_a_key_that_does_nothing(tmp_path, text, words):
+    done = run("check", written(tmp_path, text))
+    assert done.exit_code == 0
+    (line,) = [line for line in done.stdout.splitlines() if "does nothing" in line]
+    assert line.startswith("warning") and words in line
+    assert "with 1 thing to know" in done.stdout
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "ranging: {source: ranging_beacon, beacon_id: 3}",
+        "vehicle: {class: px4_multirotor_attitude, pitch_deg: -4, thrust: 0.4}\nlimits: {bank_deg: 20}",
+    ],
+)
+def test_keys_that_are_used_are_not_complained_of(tmp_path, text):
+    done = run("check", written(tmp_path, text))
+    assert "This" in done.stdout and "does nothing" not in done.stdout
+
+
+@pytest.mark.parametrize("duration", ["-5", "0"])
+def test_a_flight_lasts_longer_than_nothing(tmp_path, flown, duration):
+    done = run("fly", written(tmp_path, ""), "--duration", duration)
+    assert done.exit_code == 2
+    assert "--duration" in done.output
+
+
+@pytest.mark.parametrize("command", ["fly", "demo"])
+def test_a_place_that_takes_no_figures_is_found_before_take_off(tmp_path, flown, command, monkeypatch):
+    monkeypatch.setattr(cli, "run_demo", lambda *_, **__: pytest.fail("it took off"))
+    (tmp_path / "file").write_text("")
+    config = [written(tmp_path, "")] if command == "fly" else []
+    for bad, words in ((tmp_path, "Is a directory"), (tmp_path / "file" / "f.json", "File exists")):
+        done = run(command, *config, "--json", str(bad))
+        assert done.exit_code == 2
+        assert done.stderr == f"circumnav: cannot write {bad}: {words}\n"
+
+
+def test_the_trial_leaves_no_trace(tmp_path):
+    new, old = tmp_path / "deep" / "new.json", tmp_path / "old.json"
+    old.write_text("kept")
+    for path in (new, old, Path("/dev/stdout"), None):
+        cli._try_to_write(path)
+    assert not new.exists() and old.read_text() == "kept"
+
+
+@pytest.mark.parametrize(("outcome", "code"), [("range_lost", 1), ("completed", 2)])
+def test_figures_that_cannot_be_written_do_not_hide_how_it_ended(tmp_path, flown, outcome, code):
+    flown.append(Result(outcome, "so it went", "finished", 1.0, 2.0))
+    done = run("fly", written(tmp_path, ""), "--json", "/dev/full")
+    assert done.exit_code == code
+    complaints = [line for line in done.stderr.splitlines() if line.startswith("circumnav: ")]
+    assert complaints[0] == "circumnav: cannot write /dev/full: No space left on device"
+    assert ("circumnav: range_lost: so it went" in complaints) is (outcome == "range_lost")
+
+
+def test_the_readme_has_every_exit_code_and_outcome():
+    readme = (ROOT / "README.md").read_text()
+    codes = readme[readme.index("Exit codes:") :].split("\n\n")[0]
+    assert all(f"{code} " in codes for code in (0, cli.EXIT_FLIGHT, cli.EXIT_USAGE, cli.EXIT_LINK, cli.EXIT_WARNINGS))
+    assert f"{cli.EXIT_CRASH} " in codes
+    for outcome in (Result.__doc__ or "").rsplit("outcome: ")[-1].rstrip(".").split(", "):
+        assert f"`{outcome}`" in readme, outcome
