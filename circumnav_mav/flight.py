@@ -119,6 +119,7 @@ class Flight:
         self._stopped = False
         self._frames: list[bytes] = []
         self._signing_told = False
+        self._clock_told = False
         self._r_m = nan
         self._end_action = "hold"
 
@@ -135,6 +136,9 @@ class Flight:
             results = [] if self.ranges.own_link else self.ranges.on_messages(messages, now_s)
         for result in results:
             self._on_range(result, now_s)
+        if not self._clock_told and (words := self.ranges.receiver.clock_words):
+            self._clock_told = True
+            self._tell(now_s, words, WARNING)
         return frames
 
     def _on_range(self, result: RangeSample | Rejected, now_s: float) -> None:
