@@ -55,7 +55,10 @@ class StampClock:
         """How often the clock was found to have lost time."""
         self.lost_s = 0.0
         """How much in all of these [s]."""
-        self._forget([])
+        self._slots: deque[tuple[float, float]] = deque()  # (when, least difference) of each slot, oldest first
+        self._slot_began_s = -math.inf
+        self._rate = 0.0
+        self._base_s = math.inf
 
     @property
     def rate(self) -> float:
@@ -118,7 +121,7 @@ class StampClock:
             self._rate = slope if 0.0 < slope <= MOST_RATE else 0.0
 
     def _forget(self, kept: list[tuple[float, float]]) -> None:
-        self._slots = deque(kept)  # (when, least difference) of each slot, oldest first
+        self._slots = deque(kept)
         self._slot_began_s = kept[-1][0] if kept else -math.inf
         self._rate = 0.0
         self._base_s = math.inf
