@@ -182,7 +182,7 @@ class Flight:
         now_s = take_in()
         self._stopped = False
         self._say(now_s, "the loop was held up: no setpoint before a fresh mode message", WARNING)
-        self._frames.append(self.link.after_gap(now_s))
+        self._frames += self.link.after_gap(now_s)
         return now_s
 
     def tick(self, now_s: float, lateness_s: float = 0.0, missed_ticks: int = 0) -> tuple[list[bytes], TickRecord]:
@@ -192,7 +192,7 @@ class Flight:
         self._ticked_s = now_s
         self._follow_operator(now_s)
         self._judge(now_s)
-        if self._auto is not None and link.autopilot.heard(now_s):
+        if self._auto is not None and link.autopilot.heard(now_s) and not self.end_reason:
             ready = self.computer.phase is Phase.READY
             self._auto.tick(now_s, ready=ready, may_ask=ready and not self._encoder.lacks)
         decision = self.computer.tick(now_s, self._status(now_s))
@@ -229,9 +229,9 @@ class Flight:
         if link != VEHICLE:
             return
         self._frames.clear()  # what was to be said over the link that broke
-        request = self.link.reconnected(now_s)
+        asking = self.link.reconnected(now_s)
         if self.link.autopilot.sysid is not None:
-            self._frames.append(request)
+            self._frames += asking
 
     def tell(self, now_s: float, text: str) -> None:
         """Let the operator read something that only the runtime knows."""
@@ -263,6 +263,13 @@ class Flight:
         if self.unfit is not None and self.unfit.final:
             return self.unfit.text
         return self._auto.problem if self._auto else ""
+
+    @property
+    def left_behind(self) -> str:
+        """What the vehicle goes on doing by itself when the app ends now; empty for nothing."""
+        if self._auto is not None and self._auto.step in (Step.TAKING_OFF, Step.CLIMBING):
+            return "the vehicle goes on with its take-off by itself"
+        return ""
 
     @property
     def waiting_for(self) -> str:

@@ -14,6 +14,7 @@ SPOOL_UP_S = 1.9  # from the take-off command (or arming) to the first centimetr
 TAKEOFF_RAMP_S = 1.2
 TAKEOFF_ACCEPT_M = 0.3
 STOPPED_M_S = 0.3
+NEARLY_UP_M = 1.0
 
 
 class AutoModes:
@@ -34,7 +35,9 @@ class AutoModes:
 
     def enter(self, mode: Mode, now_s: float) -> None:
         """Begin a mode from the present place."""
-        up = self._mode is Mode.TAKEOFF and mode is Mode.HOLD
+        # The end of a take-off keeps its height as the aim; a pilot's Hold on the way up stays where it is.
+        nearly = abs(self._target_h - self.vehicle.h) < NEARLY_UP_M
+        up = self._mode is Mode.TAKEOFF and mode is Mode.HOLD and nearly
         self._mode, self.entered_s = mode, now_s
         self._hold, self._hold_h, self._leg = None, self._target_h if up else self.vehicle.h, ""
         if mode is Mode.TAKEOFF:

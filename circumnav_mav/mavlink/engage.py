@@ -7,11 +7,12 @@ the way) is left to the pilot, as with engage: pilot.
 from __future__ import annotations
 
 from enum import StrEnum
-from math import nan
+from math import isnan, nan
 
 from circumnav_mav.mavlink.autopilot import STATUS_STANDBY
 from circumnav_mav.mavlink.dialect import enums
 from circumnav_mav.mavlink.link import AutopilotLink
+from circumnav_mav.mavlink.offboard import Control
 from circumnav_mav.mavlink.vehicles.plug import TakeOff
 
 MODE, ARM, TAKE_OFF = "mode", "arming", "take-off"
@@ -21,6 +22,8 @@ CLIMB_SLOWEST_M_S = 0.4
 CLIMB_MARGIN_S = 20.0
 LEVEL_CLIMB_M_S = 0.7
 ARM_AGAIN_S = 2.0
+ARRIVED_EARLY_S = 2.0
+"""The autopilot may call the climb done a little below the height; a mode kept longer than this there is a pilot's."""
 
 
 class Step(StrEnum):
@@ -45,6 +48,9 @@ class AutoEngage:
         self._height_m = height_m
         self._by_s = self._level_since_s = self._arm_by_s = self._arm_next_s = nan
         self._arm_tries = 0
+        self._mode_before: int | None = None
+        self._climbed = False
+        self._early_s = nan
         self._decided = False
         self.step = Step.WAITING
         self.problem = ""
@@ -53,8 +59,12 @@ class AutoEngage:
         """Do what is due. ready: the beacon is heard; may_ask: and the encoder knows what it needs."""
         if not self._decided:
             self._decided = self._decide()
+            return
+        if self._pilot_acts():
+            self._leave_to_pilot()
         elif self.step is Step.WAITING:
             if ready and self._may_begin():
+                self._mode_before = self._link.autopilot.custom_mode
                 self._begin(now_s)
         elif self.step is Step.MODE:
             if self._done(MODE):
@@ -66,8 +76,24 @@ class AutoEngage:
                 self._climb(now_s)
         elif self.step is Step.CLIMBING:
             self._watch_climb(now_s, may_ask=may_ask)
-        elif self.step is Step.ASKED and self._link.authority.refused:
-            self._fail(self._link.authority.reason)
+        elif self.step is Step.ASKED:
+            if self._link.authority.refused:
+                self._fail(self._link.authority.reason)
+            elif self._link.authority.control in (Control.HELD, Control.RELEASED):
+                self.step = Step.LEFT_TO_PILOT  # done: whoever engages from now on is a pilot
+
+    def _pilot_acts(self) -> bool:
+        """Whether somebody else has taken the vehicle up, or chosen a mode, since it was first seen."""
+        ap = self._link.autopilot
+        if self.step is Step.WAITING:
+            return bool(ap.armed or ap.in_air)
+        if self.step in (Step.MODE, Step.ARMING, Step.TAKING_OFF):
+            return ap.custom_mode not in {self._mode_before, self._plan.first_mode, *self._plan.climbing}
+        return False
+
+    def _leave_to_pilot(self) -> None:
+        self._link.commands.clear()
+        self.step = Step.LEFT_TO_PILOT
 
     def _decide(self) -> bool:
         """The first sight of the vehicle decides, once and for all."""
@@ -157,14 +183,19 @@ class AutoEngage:
         elif not now_s >= self._level_since_s:
             self._level_since_s = now_s
         level = plan.level_s == 0.0 or now_s - self._level_since_s >= plan.level_s
-        if arrived and ap.custom_mode not in plan.climbing:
-            self.step = Step.LEFT_TO_PILOT
-        elif arrived and ap.custom_mode == plan.arrived:
+        mode = ap.custom_mode
+        if mode == plan.arrived and arrived:
             if level and may_ask:  # else it waits in the air, in the autopilot's own mode
                 self._link.authority.ask(now_s)
                 self.step = Step.ASKED
         elif now_s > self._by_s:
             self._fail(f"take-off: {height_m:.1f} m after a climb that should have reached {self._height_m:g} m")
+        elif mode in plan.climbing:
+            self._climbed, self._early_s = True, nan
+        elif mode == plan.arrived and self._climbed and not now_s - self._early_s > ARRIVED_EARLY_S:
+            self._early_s = now_s if isnan(self._early_s) else self._early_s
+        elif self._climbed or mode != self._mode_before:
+            self._leave_to_pilot()
 
     def _fail(self, problem: str) -> None:
         self.step, self.problem = Step.FAILED, problem

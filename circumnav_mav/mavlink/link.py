@@ -125,7 +125,10 @@ class AutopilotLink:
     def _on_timesync(self, fields: Any, now_s: float) -> None:
         if fields.tc1 == 0:
             self._timesync = fields.ts1
+        elif fields.ts1 == self._token:
+            self.authority.answered(now_s)
 
+    _token: int = 0
     _timesync: int | None = None
     _reboots: int = 0
     _latch_asked_by: tuple[int, int] = (0, 0)
@@ -175,7 +178,7 @@ class AutopilotLink:
             self._timesync = None
         due += [self._command(command) for command in self.commands.poll(now_s)]
         if self.authority.seen() is Seen.NOTHING and not now_s < self._ask_mode_next_s:
-            due.append(self._ask_mode(now_s))  # the last answer may have been lost
+            due += self._ask_mode(now_s)  # the last answer may have been lost
         due += [self._mode(request) for request in self.authority.poll(now_s)]
         return due
 
@@ -184,18 +187,21 @@ class AutopilotLink:
         self.authority.sent(now_s)
         return self._packer.pack(name, **fields, **self._target())
 
-    def after_gap(self, now_s: float) -> bytes:
-        """The app was away: believe nothing older than now; return a request for the mode, so as to know it soon."""
+    def after_gap(self, now_s: float) -> list[bytes]:
+        """The app was away: believe nothing sent before now; return what finds out the mode soon."""
         self.authority.gap(now_s)
+        self.authority.await_answer(now_s)
+        self._token = int(now_s * 1e9)
         return self._ask_mode(now_s)
 
-    def _ask_mode(self, now_s: float) -> bytes:
-        """Return a request for the message that shows the mode."""
+    def _ask_mode(self, now_s: float) -> list[bytes]:
+        """Return a question whose answer dates what follows it, and a request for the message that shows the mode."""
         self._ask_mode_next_s = now_s + ASK_MODE_S
+        dated = self._packer.pack("TIMESYNC", tc1=0, ts1=self._token)
         request = (float(by_name("CURRENT_MODE" if self.words.tells_intention else "HEARTBEAT").msgid),)
-        return self._command(Command(enums.MAV_CMD_REQUEST_MESSAGE, request + (0.0,) * 6, "mode"))
+        return [dated, self._command(Command(enums.MAV_CMD_REQUEST_MESSAGE, request + (0.0,) * 6, "mode"))]
 
-    def reconnected(self, now_s: float) -> bytes:
+    def reconnected(self, now_s: float) -> list[bytes]:
         """The link was lost and is back: set it up again, its settings went with it; then as after any gap."""
         self._set_up_for = (None, 0)
         return self.after_gap(now_s)

@@ -20,8 +20,10 @@ Transitions on a mode message (state x what it shows -> state; RELEASED is latch
     GIVEN_BACK  x a settled mode             -> NOT_HELD     may be engaged again by the pilot
 
 Without a mode message, ASKED, HELD and GIVING_BACK become RELEASED when the autopilot has not been heard for
-SILENT_AFTER_S, when it has restarted, and when somebody else sends setpoints to it. Somebody who merely speaks under
-our ids keeps us from engaging. RELEASED is left by a restart of the app, or by the operator's command (`open_latch`).
+SILENT_AFTER_S, when it has restarted, and when somebody else sends setpoints to it; HELD also when our last setpoint is
+so old that the next one could come after the autopilot's own failsafe, and would take the aircraft back. Somebody who
+merely speaks under our ids keeps us from engaging. RELEASED is left by a restart of the app, or by the operator's
+command (`open_latch`).
 
 Mode requests: to enter OFFBOARD while ASKED; to leave it while GIVING_BACK and OFFBOARD is shown. No others.
 """
@@ -29,7 +31,7 @@ Mode requests: to enter OFFBOARD while ASKED; to leave it while GIVING_BACK and 
 from __future__ import annotations
 
 from enum import StrEnum
-from math import inf, nan
+from math import inf, nan, nextafter
 from typing import NamedTuple
 
 from circumnav_mav.mavlink import px4_modes
@@ -42,6 +44,8 @@ PRIMED_WITHIN_S = 0.5
 """A request goes out only behind a setpoint younger than this: PX4 refuses one that comes first."""
 RIVAL_WITHIN_S = 5.0
 """So long after it was last heard, another companion is taken to be there."""
+UNDER_WAY_S = 1.0
+"""The longest that a message is taken to be under way."""
 READY_WITHIN_S = 0.5
 """A pilot who chooses the mode means this app if it said that it is ready so lately."""
 
@@ -106,6 +110,9 @@ class Authority:
         self._blind_since_s = -inf
         """Mode messages up to this time prove nothing."""
         self._sent_s = nan
+        self._asked_s = nan
+        self._round_trip_s = 0.0
+        """As measured after the last gap."""
         self._ready_s = nan
         self._was_elsewhere = False
         """Whether the mode message before the newest one showed another mode than ours."""
@@ -137,7 +144,7 @@ class Authority:
         if self.control is Control.GIVING_BACK:
             return self._give_back_mode is not None
         if self.control is Control.HELD:
-            return True
+            return not self._too_late(now_s)
         if self._has_rival(now_s):
             return False
         early = self.control is Control.NOT_HELD and seen is Seen.SETTLED and self._words.stream_first
@@ -221,6 +228,23 @@ class Authority:
         if self.control is Control.HELD and stays and silent_s > self.loss_timeout_s:
             self._to(Control.RELEASED, f"no setpoint for {silent_s:.1f} s: the autopilot has taken over")
 
+    def await_answer(self, now_s: float) -> None:
+        """The autopilot was asked something at `now_s`. Until it answers, a mode message that comes may have been under
+        way since before the gap, and show what is no longer so; after UNDER_WAY_S none is taken to be.
+        """
+        self._blind_since_s = now_s + UNDER_WAY_S
+        self._asked_s = now_s
+
+    def answered(self, now_s: float) -> None:
+        """The answer came: what follows it on the wire, be it in the same packet, is newer than the gap."""
+        self._blind_since_s = min(self._blind_since_s, nextafter(now_s, -inf))
+        self._round_trip_s = now_s - self._asked_s
+
+    def _too_late(self, now_s: float) -> bool:
+        """Whether a setpoint that left now could come after the autopilot took over, and take the aircraft back."""
+        silent_s = now_s - self._sent_s
+        return self._words.leaves_when_silent and silent_s + self._round_trip_s > self.loss_timeout_s
+
     def ready(self, now_s: float) -> None:
         """A pilot may engage at `now_s`: the beacon is heard, and nothing else flies. Called every tick while so."""
         self._ready_s = now_s
@@ -256,6 +280,8 @@ class Authority:
         """Return the mode requests that are due."""
         if not self._autopilot.heard(now_s):
             self.lost(f"the autopilot was not heard for {SILENT_AFTER_S:g} s")
+        elif self.control is Control.HELD and self._too_late(now_s):
+            self.lost(f"no setpoint for {now_s - self._sent_s:.1f} s: the autopilot takes over")
         elif self.control is Control.ASKED:
             if self._primed(now_s, PRIMED_WITHIN_S) and now_s >= self._ask_next_s:
                 return self._ask(self._words.ours, now_s)

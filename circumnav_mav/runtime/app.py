@@ -223,7 +223,7 @@ class App:
         phase = flight.computer.phase
         outcome, text = self._verdict or ("completed", flight.computer.reason)
         if self._verdict is None and not flight.engaged_s < inf:
-            outcome = "not_engaged"
+            outcome, text = "not_engaged", "; ".join(filter(None, (text, flight.left_behind)))
         elif self._verdict is None and flight.link.authority.control == "released":
             outcome, text = "released", flight.link.authority.reason
         return Result(

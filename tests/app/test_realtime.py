@@ -88,6 +88,7 @@ def test_no_autopilot_is_one_line(tmp_path):
 
 
 @pytest.mark.realtime
+@pytest.mark.soak
 def test_no_range_is_one_line_and_says_that_the_decoy_was_heard(tmp_path):
     port = free_port()
     with stub(port, "--no-radio", "--airborne", "15", truth=tmp_path / "truth.csv"):

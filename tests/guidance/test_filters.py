@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from circumnav_mav.guidance.estimators import ESTIMATORS, direct, drift, polar
+from circumnav_mav.guidance.estimators import ESTIMATORS, direct, drift, drift_gaussian, polar
 from circumnav_mav.guidance.kernel import NAN, EstimatorContext, Memory, Moved, Reading
 
 CONTEXT = EstimatorContext(80.0, 15.0, 0.46)
@@ -19,7 +19,7 @@ def drift_hypothesis(rng):
     a = rng.normal(size=(5, 5)) * np.array([8.0, 8.0, 2.0, 2.0, 0.05])[:, None]
     P = a @ a.T
     mean = np.array([rng.uniform(-300, 300), rng.uniform(50, 300), *rng.normal(size=2), 0.03])
-    return drift.Drift(*mean, *P[TRIANGLE], 1.0, 0.0), mean, P
+    return drift_gaussian.Drift(*mean, *P[TRIANGLE], 1.0, 0.0), mean, P
 
 
 def matrix(h):
@@ -38,7 +38,7 @@ def test_drift_predicts_as_the_matrix_equations_do():
         F[0, 2] = F[1, 3] = -dt
         F[0, 4], F[1, 4] = -dx, -dy
         Q = np.diag([par.q_p, par.q_p, par.q_w, par.q_w, par.q_s]) * dt
-        got, state = matrix(drift.predict(h, dx, dy, dt, par))
+        got, state = matrix(drift_gaussian.predict(h, dx, dy, dt, par))
         assert got == pytest.approx(F @ P @ F.T + Q, rel=1e-9, abs=1e-9)
         assert state == pytest.approx(F @ mean - np.array([dx, dy, 0, 0, 0]), rel=1e-9)
 
@@ -72,9 +72,9 @@ def test_drift_updates_as_the_matrix_equations_do_in_polar_coordinates(what):
         want = mean + step
         want[:2] = (r + along) * np.array([math.cos(bearing + swing), math.sin(bearing + swing)])
         if what == "range":
-            new = drift.use_range(h, measure(mean) + error, 0.25, 9.0)
+            new = drift_gaussian.use_range(h, measure(mean) + error, 0.25, 9.0)
         else:
-            new = drift.use_rate(h, measure(mean) + error, m, 0.25, 9.0)
+            new = drift_gaussian.use_rate(h, measure(mean) + error, m, 0.25, 9.0)
         got, state = matrix(new)
         assert state == pytest.approx(want, rel=1e-6, abs=1e-6)
         assert got == pytest.approx(polar_turn(P - np.outer(K, H @ P), swing), rel=1e-5, abs=1e-5)
@@ -83,7 +83,7 @@ def test_drift_updates_as_the_matrix_equations_do_in_polar_coordinates(what):
 
 def test_a_reading_beyond_the_gate_costs_and_does_not_move():
     h, _, _ = drift_hypothesis(np.random.default_rng(3))
-    hit = drift.use_range(h, math.hypot(h.px, h.py) + 1e4, 1.0, 4.0)
+    hit = drift_gaussian.use_range(h, math.hypot(h.px, h.py) + 1e4, 1.0, 4.0)
     assert hit[:-1] == h[:-1]
     assert hit.log_weight < h.log_weight - 7.9
 
@@ -91,7 +91,7 @@ def test_a_reading_beyond_the_gate_costs_and_does_not_move():
 def test_a_split_keeps_the_mean_and_the_covariance():
     par = drift.parameters({}, CONTEXT)
     h = drift.ring_member(300.0, 0.4, 1.0, par, 0.0)
-    bank = [drift.again(h, 1.0, 0.0)]
+    bank = [drift_gaussian.again(h, 1.0, 0.0)]
     drift.split(bank)
     assert len(bank) == 3
     assert sum(b.xx + b.yy for b in bank) < 3 * 0.55 * (h.xx + h.yy)
@@ -181,7 +181,7 @@ def test_drift_knows_how_wrong_it_is():
                 nis.append(mem.nis)
             moved = world.step()
         calm = max((h for h in bank if h.stir == 1.0), key=lambda h: h.log_weight)
-        P, mean = matrix(drift.predict(calm, *displacement(moved), moved.dt, par))
+        P, mean = matrix(drift_gaussian.predict(calm, *displacement(moved), moved.dt, par))
         bearing = math.atan2(mean[1], mean[0])
         swing = math.remainder(math.atan2(world.p[1], world.p[0]) - bearing, 2 * math.pi)
         local = np.array([np.hypot(*world.p) - np.hypot(*mean[:2]), swing * np.hypot(*mean[:2])])

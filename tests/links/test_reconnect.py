@@ -123,7 +123,8 @@ def test_streams_are_asked_for_again_and_the_mode_first_of_all():
     rig.run(0.3)
     back_s = rig.mend_link()
     rig.run(5.0)
-    first = rig.decoded(back_s)[0][1]
+    dated, first = (m for _, m in rig.decoded(back_s)[:2])
+    assert (dated.get_type(), dated.tc1) == ("TIMESYNC", 0)  # its answer dates the mode that follows
     assert (first.get_type(), first.command, first.param1) == ("COMMAND_LONG", REQUEST_MESSAGE, 436.0)
     asked = {int(m.param1) for m in commands(rig, back_s, SET_MESSAGE_INTERVAL)}
     assert {436, 30, 32} <= asked

@@ -60,12 +60,14 @@ def keep_the_rules(rig: Rig) -> None:
         assert (m.target_system, m.target_component) == (rig.stub.config.system_id, 1), (t, m)
         assert (m.coordinate_frame, m.type_mask) == (8, 1479), (t, m)
     released_s = math.inf
+    before = ""
     for tick in rig.log.ticks:
         sends = tick.turn_rate_sent_rad_s == tick.turn_rate_sent_rad_s
         if tick.phase in ENGAGED_NAMES and sends:
             assert tick.sample_age_s <= max(ranging.coast_s, ranging.max_age_s) + 1e-6, tick
         released_s = min(released_s, tick.t_s) if tick.control == "released" else math.inf
-        assert not (sends and tick.control in ("released", "given back")), tick
+        assert not (sends and before == tick.control and before in ("released", "given back")), tick
+        before = tick.control
     if math.isfinite(released_s):
         assert mode_requests(rig, released_s + 1e-6) == []
 

@@ -145,6 +145,7 @@ def children(field: Field) -> list[Path]:
 
 
 @pytest.mark.realtime
+@pytest.mark.soak
 @pytest.mark.parametrize("library", ["mavsdk"])
 def test_a_polite_end_through_mavsdk_asks_for_hold_and_leaves_nothing_behind(field):
     field.engage()

@@ -5,7 +5,8 @@ from __future__ import annotations
 import pytest
 
 from tests.lockstep import Rig, airborne, config
-from tests.trust.rules import HOLD, OFFBOARD, keep_the_rules, last_setpoint_s, mode_requests, texts
+from tests.trust.rules import HOLD, OFFBOARD, engage, keep_the_rules, last_setpoint_s, mode_requests, texts
+from tests.trust.wires import bad
 
 ARM = 400
 LOSS_ACTIONS = {
@@ -167,4 +168,20 @@ def test_an_autopilot_that_falls_silent_gets_nothing_and_keeps_its_freedom_when_
     rig.deaf = False
     rig.run(10.0)
     assert rig.log.sent(left_s + 3.7) == []
+    assert mode_requests(rig) == []
+
+
+@pytest.mark.parametrize("for_s", [0.6, 0.9, 1.1, 1.2, 1.3, 1.4])
+def test_what_was_under_way_before_the_gap_is_not_taken_for_news(for_s):
+    """300 ms late: modes sent before the failsafe still arrive after the thaw. A failsafe that began is not undone."""
+    rig = engage(Rig(config(), airborne(80.0, seed=3, params={"COM_OBL_RC_ACT": 5}), bad(1, delay_s=0.3)))
+    rig.run(3.0)
+    rig.freeze(for_s)
+    modes = []
+    for _ in range(250):
+        rig.step()
+        modes.append(rig.stub.truth().mode)
+    changes = [mode for i, mode in enumerate(modes) if i == 0 or modes[i - 1] != mode]
+    assert changes in (["OFFBOARD"], ["OFFBOARD", "AUTO/LOITER"], ["AUTO/LOITER"]), changes
+    assert rig.log.ticks[-1].control == ("held" if changes == ["OFFBOARD"] else "released")
     assert mode_requests(rig) == []

@@ -10,7 +10,7 @@ Covariance: the chain r_ddot = white noise of density `q`, for lags, gusts and s
 from __future__ import annotations
 
 from collections.abc import Mapping
-from math import acos, atan2, cos, hypot, isfinite, isnan, log, nan, sin
+from math import acos, atan2, cos, hypot, isfinite, isnan, log, nan, sin, sqrt
 from typing import NamedTuple
 
 from circumnav_mav.guidance.estimators.gate import refuse, remember

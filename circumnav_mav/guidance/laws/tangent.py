@@ -21,6 +21,9 @@ STEPS = 12
 """Points at which a turn is looked at for its least range."""
 
 
+ROOM = 0.8
+"""Share of r_a that a turn should leave whatever r_min is: at the start the drift is unknown, and takes its part."""
+
 LONG_TURN, HALF_TURN = 1.0, 2.6
 """Heading errors, rad, above which the side of the turn is chosen, and above which the turn under way decides it."""
 
@@ -31,7 +34,7 @@ class Parameters(NamedTuple):
     gain: float  # of the heading error, 1/s
     lag: float  # first-order lag of the turn rate that is fed forward, s
     limit: float  # turn rate that the vehicle can fly, rad/s
-    r_min: float  # least range that a turn may lead to, m; half of r_a when none is given
+    r_min: float  # range that a turn should leave, m: the least range allowed, and at least ROOM of r_a
 
 
 def run_in(r: float, r_a: float, reach: float) -> tuple[float, float]:
@@ -123,7 +126,7 @@ def parameters(options: Mapping[str, float], context: LawContext) -> Parameters:
             f"the circle asks for a turn rate of {context.V / context.r_a:.3g} rad/s, the vehicle flies {limit:.3g}: "
             "fly slower, or wider"
         )
-    r_min = 0.5 * context.r_a if isnan(context.r_min) else context.r_min
+    r_min = ROOM * context.r_a if isnan(context.r_min) else max(context.r_min, ROOM * context.r_a)
     return Parameters(context.r_a, given["reach_s"] * context.V, given["gain_per_s"], lag, limit, r_min)
 
 

@@ -116,7 +116,7 @@ PX4_MULTIROTOR_ATTITUDE = VehicleClass(
     speed="believed",
     turn_lag_s=0.45,
     encoder=Attitude,
-    take_off=TakeOff(None, "amsl", frozenset({px4_modes.TAKEOFF, px4_modes.HOLD}), px4_modes.HOLD, level_s=3.0),
+    take_off=TakeOff(None, "amsl", frozenset({px4_modes.TAKEOFF}), px4_modes.HOLD, level_s=3.0),
     banks=True,
     wants_pitch=True,
 )

@@ -133,7 +133,7 @@ class Bank:
         return []
 
 
-TAKE_OFF = TakeOff(None, "amsl", frozenset({px4_modes.TAKEOFF, px4_modes.HOLD}), px4_modes.HOLD, level_s=3.0)
+TAKE_OFF = TakeOff(None, "amsl", frozenset({px4_modes.TAKEOFF}), px4_modes.HOLD, level_s=3.0)
 MESSAGES_HZ = WANTED_HZ | {"LOCAL_POSITION_NED": 30.0, "VFR_HUD": 20.0}
 
 PX4_FIXED_WING = VehicleClass(

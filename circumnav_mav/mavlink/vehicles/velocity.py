@@ -94,7 +94,7 @@ PX4_MULTIROTOR = VehicleClass(
     speed="ground",
     turn_lag_s=0.45,
     encoder=Velocity,
-    take_off=TakeOff(None, "amsl", frozenset({px4_modes.TAKEOFF, px4_modes.HOLD}), px4_modes.HOLD),
+    take_off=TakeOff(None, "amsl", frozenset({px4_modes.TAKEOFF}), px4_modes.HOLD),
     lead_s=0.6,
 )
 
