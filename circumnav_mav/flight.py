@@ -119,6 +119,7 @@ class Flight:
         self._stopped = False
         self._frames: list[bytes] = []
         self._signing_told = False
+        self._clock_told = False
         self._r_m = nan
         self._end_action = "hold"
 
@@ -135,6 +136,9 @@ class Flight:
             results = [] if self.ranges.own_link else self.ranges.on_messages(messages, now_s)
         for result in results:
             self._on_range(result, now_s)
+        if not self._clock_told and (words := self.ranges.receiver.clock_words):
+            self._clock_told = True
+            self._tell(now_s, words, WARNING)
         return frames
 
     def _on_range(self, result: RangeSample | Rejected, now_s: float) -> None:
@@ -353,7 +357,8 @@ class Flight:
         """Give back what is held without a range or against a cause to break off: every time, not only the first."""
         if self.link.authority.control is not Control.HELD or phase not in (Phase.RANGE_LOST, Phase.BROKEN_OFF):
             return
-        action, why = self._config.on_range_lost, "range lost"
+        action: str = self._config.on_range_lost
+        why = "range lost"
         if phase is Phase.BROKEN_OFF:
             trip = self.lookout.trip
             action, why = (trip.action, trip.text) if trip is not None else ("hold", self.computer.reason)

@@ -24,6 +24,9 @@ DOWN = 25
 
 AUTOPILOT_COMPONENT = 1
 STUCK_S = 3.0
+DOUBT_SHARE = 0.25
+"""The share of max_age_s above which an age that stays is blamed on the device's clock."""
+
 FINE_RESOLUTION_M = 0.002
 """At or below this step, noise alone changes the range of any radio; a coarser one may honestly stand still."""
 
@@ -52,9 +55,14 @@ class _Receiver:
             stuck_s = STUCK_S if source.resolution_m <= FINE_RESOLUTION_M else 0.0
         self._limits = Limits(settings.max_age_s, settings.min_m, settings.max_m, settings.min_quality_pct, stuck_s)
         self._gate = Gate(self._limits)
-        self._clock = StampClock()
+        self._clock = StampClock(DOUBT_SHARE * settings.max_age_s)
         self.flown: Channel | None = None
         """The channel that is flown on, once a range was accepted."""
+
+    @property
+    def clock_words(self) -> str:
+        """What is wrong with the device's clock, for people; empty where nothing is."""
+        return self._clock.words
 
     def _finish(
         self, sender: tuple[int, int] | None, reading: Reading | Rejected, now_s: float
@@ -71,7 +79,8 @@ class _Receiver:
         if mismatch is not None:
             return mismatch
         if self.flown is None:  # what other channels said before must not colour the first of ours
-            self._gate, self._clock = Gate(self._limits), StampClock()
+            self._gate = Gate(self._limits)
+            self._clock = StampClock(DOUBT_SHARE * self._settings.max_age_s)
         sample = RangeSample(
             t_s=self._measured_at(reading, now_s),
             range_m=reading.range_m - self._settings.bias_m,

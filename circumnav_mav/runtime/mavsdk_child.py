@@ -21,6 +21,7 @@ from contextlib import suppress
 from typing import Any
 
 from mavsdk.asyncio import ComponentType, Configuration, Mavsdk
+from mavsdk.asyncio.exceptions import MavsdkConnectionError
 from mavsdk.asyncio.plugins.offboard import OffboardAsync, VelocityBodyYawspeed
 from mavsdk.logging import LogLevel, log_subscribe
 from mavsdk.plugins.mavlink_direct import MavlinkDirect, MavlinkMessage
@@ -33,6 +34,7 @@ LOOK_S = 0.01
 FIND_S = 3600.0
 FRAME = 4096
 US = (1, 191)
+EXIT_LINK = 3
 SETPOINT = "SET_POSITION_TARGET_LOCAL_NED"
 SENT = frozenset(
     {SETPOINT, "COMMAND_LONG", "COMMAND_INT", "COMMAND_ACK", "PARAM_REQUEST_READ", "TIMESYNC", "STATUSTEXT"}
@@ -175,7 +177,11 @@ def main() -> None:
     log_subscribe(lambda level, *_: level < LogLevel.WARN)
     pair = socket.socket(fileno=int(sys.argv[2]))
     pair.setblocking(False)
-    asyncio.run(Child(sys.argv[1], pair).run())
+    try:
+        asyncio.run(Child(sys.argv[1], pair).run())
+    except MavsdkConnectionError as error:
+        print(f"circumnav: {sys.argv[1]}: MAVSDK does not open it: {error}", file=sys.stderr)
+        sys.exit(EXIT_LINK)
 
 
 if __name__ == "__main__":

@@ -14,19 +14,24 @@ from contextlib import suppress
 from dataclasses import replace
 
 from circumnav_mav.endpoint import Endpoint
+from circumnav_mav.runtime.tcp import TcpServer
 from circumnav_mav.runtime.transport import LinkError, Loop, OnChange, OnData
+from circumnav_mav.runtime.udp import UdpLink
 
 FRAME = 4096
 STOP_S = 3.0
 
 
 class MavsdkLink:
-    """A Transport whose other end is the child. Datagrams on a socket pair, one frame each."""
+    """A Transport whose other end is the child. Datagrams on a socket pair, one frame each. Raises LinkError, in words,
+    where the endpoint cannot be opened.
+    """
 
     whole = True
 
     def __init__(self, endpoint: Endpoint) -> None:
         self.endpoint = endpoint
+        _look(endpoint)
         self._port = _free_port() if endpoint.kind == "udpin" and endpoint.port == 0 else endpoint.port
         url = str(replace(endpoint, port=self._port))
         self._socket, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
@@ -92,6 +97,14 @@ class MavsdkLink:
             return
         self._child.kill()
         self._child.wait()
+
+
+def _look(endpoint: Endpoint) -> None:
+    """Open and close what can be opened without anybody noticing: the app's own words, before MAVSDK has its say."""
+    if endpoint.kind in ("udpin", "udpout"):
+        UdpLink(endpoint).close()
+    elif endpoint.kind == "tcpin":
+        TcpServer(endpoint).close()
 
 
 def _free_port() -> int:

@@ -35,6 +35,7 @@ class RangingApp:
         self.monitor = Monitor(self.feed.counts, clock.now())
         self.samples: list[RangeSample] = []
         self._told: set[str] = set()
+        self._clock_told = False
         self._stopped = asyncio.Event()
         self._packer: Packer | None = None
         # Signatures guard the vehicle's link; a radio with an endpoint of its own has none.
@@ -84,6 +85,9 @@ class RangingApp:
             elif result.reason not in self._told:
                 self._told.add(result.reason)
                 self._view.event(now_s, f"rejected, {result.reason}: {result.detail}")
+        if not self._clock_told and (words := self.feed.receiver.clock_words):
+            self._clock_told = True
+            self._view.event(now_s, words)
 
     def _on_change(self, up: bool, words: str) -> None:
         self._view.event(self._clock.now(), words)

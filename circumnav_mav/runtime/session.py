@@ -10,6 +10,7 @@ from pathlib import Path
 from circumnav_mav import report
 from circumnav_mav.config import Config
 from circumnav_mav.flight import TickRecord
+from circumnav_mav.guidance.phases import Phase
 from circumnav_mav.runtime.app import App, Options, Result
 from circumnav_mav.runtime.clock import Clock, new_event_loop
 from circumnav_mav.runtime.recorder import Recorder
@@ -25,6 +26,10 @@ class Outcome:
     directory: Path | None
     picture: Path | None
     notes: list[str]
+
+
+BEHIND = 0.03
+"""The share of its time that a simulated vehicle may lose before a person is told."""
 
 
 class Crash(Exception):
@@ -62,7 +67,7 @@ def fly(
         if before_report is not None:
             before_report()
     result.record_problem = recorder.problem
-    return _report(config, result, recorder.directory, truth_file, title)
+    return _report(config, result, recorder.directory, truth_file, title, clock.speed)
 
 
 def _run(app: App, recorder: Recorder) -> Result:
@@ -78,12 +83,16 @@ def _run(app: App, recorder: Recorder) -> Result:
         loop.close()
 
 
-def _report(config: Config, result: Result, directory: Path | None, truth_file: Path | None, title: str) -> Outcome:
+def _report(
+    config: Config, result: Result, directory: Path | None, truth_file: Path | None, title: str, speed: float
+) -> Outcome:
     notes = [result.record_problem] if result.record_problem else []
     ticks: dict[str, list[str]] = {}
     if directory is not None and (directory / "ticks.csv").exists():
         ticks = report.read_columns(directory / "ticks.csv")
     truth = report.read_columns(truth_file) if truth_file is not None and truth_file.exists() else None
+    if behind := behind_note(ticks, truth, speed):
+        notes.append(behind)
     summary = report.summarise(config, result, ticks, truth)
     picture = None
     if directory is not None and ticks.get("t_s"):
@@ -97,3 +106,20 @@ def _report(config: Config, result: Result, directory: Path | None, truth_file: 
             picture = None
             notes.append(f"no picture: {error.strerror or error}")
     return Outcome(result, summary, directory, picture, notes)
+
+
+def behind_note(ticks: dict[str, list[str]], truth: dict[str, list[str]] | None, speed: float) -> str:
+    """Return a note where the simulated vehicle lost time against the app's clock; empty where it kept up.
+
+    Its time counts from when the app heard it: until then its process was starting.
+    """
+    waiting = str(Phase.WAITING_AUTOPILOT)
+    heard = [t_s for t_s, phase in zip(ticks.get("t_s", []), ticks.get("phase", []), strict=True) if phase != waiting]
+    if not heard or not truth or not truth.get("t_s"):
+        return ""
+    ours_s = float(heard[-1]) - float(heard[0])
+    its_s = float(truth["t_s"][-1]) - float(truth["t_s"][0])
+    if its_s >= (1.0 - BEHIND) * ours_s:
+        return ""
+    lost = f"the simulated vehicle fell {100.0 * (1.0 - its_s / ours_s):.0f} % behind"
+    return f"this machine cannot keep up with {speed:g} x real time ({lost}): try a lower --speed"

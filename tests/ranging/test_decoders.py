@@ -309,3 +309,23 @@ def test_an_endless_line_is_one_bad_frame():
     results = decoder.feed(b"\r\n98.67\r\n", 5.0)
     assert isinstance(results[0], Rejected)
     assert outcome(results) == ["bad_frame", 98.67]
+
+
+@pytest.mark.parametrize("rate", [0.95, 0.98, 1.05])
+def test_a_device_with_a_slow_or_fast_clock_is_never_stale(rate):
+    receiver = open_receiver("replay", Settings())
+    assert isinstance(receiver, ByteReceiver)
+    for n in range(1200):
+        receiver.feed(f"{500 + rate * 0.1 * n:.4f},{100 - 0.05 * n:.3f}\n".encode(), 7.0 + 0.1 * n)
+    assert receiver.counts.rejected == {}
+    assert bool(receiver.clock_words) == (rate < 1.0)
+
+
+def test_a_clock_that_lost_time_costs_ranges_for_two_seconds_and_is_said():
+    receiver = open_receiver("replay", Settings())
+    assert isinstance(receiver, ByteReceiver)
+    for n in range(600):
+        paused_s = 1.5 if n >= 300 else 0.0
+        receiver.feed(f"{500 + 0.1 * n:.1f},{100 - 0.05 * n:.3f}\n".encode(), 7.0 + 0.1 * n + paused_s)
+    assert set(receiver.counts.rejected) == {"stale"} and receiver.counts.rejected["stale"] <= 20
+    assert "lost 1.50 s" in receiver.clock_words

@@ -5,10 +5,14 @@ from __future__ import annotations
 import json
 import math
 import random
+import socket
+import subprocess
+import sys
 
 import pytest
 
 from circumnav_mav.config import ConfigError, parse
+from circumnav_mav.endpoint import Endpoint
 from circumnav_mav.mavlink.autopilot import Autopilot
 from circumnav_mav.mavlink.codec import Decoder, Packer, Splitter
 from circumnav_mav.mavlink.dialect import by_name
@@ -16,6 +20,9 @@ from circumnav_mav.mavlink.dialect import by_name
 pytest.importorskip("mavsdk", reason="mavsdk is not installed")
 
 from circumnav_mav.runtime.mavsdk_child import SENT, fields_of, to_mavsdk
+from circumnav_mav.runtime.mavsdk_link import MavsdkLink
+from circumnav_mav.runtime.transport import LinkError
+from circumnav_mav.runtime.udp import UdpLink
 
 NAMES = sorted({*Autopilot().messages, *SENT, "DISTANCE_SENSOR", "PARAM_VALUE", "LANDING_TARGET"})
 
@@ -76,3 +83,61 @@ def test_what_mavsdk_cannot_do_is_a_fault_of_the_file(text, words):
     with pytest.raises(ConfigError) as caught:
         parse(text, "c.yaml")
     assert any(words in line for line in caught.value.lines()), list(caught.value.lines())
+
+
+@pytest.mark.parametrize("kind", ["udpin", "tcpin"])
+def test_a_busy_port_is_told_before_a_child_is_started(kind, monkeypatch):
+    monkeypatch.setattr(subprocess, "Popen", lambda *_, **__: pytest.fail("a child was started"))
+    family = socket.SOCK_DGRAM if kind == "udpin" else socket.SOCK_STREAM
+    with socket.socket(socket.AF_INET, family) as other:
+        other.bind(("127.0.0.1", 0))
+        if family == socket.SOCK_STREAM:
+            other.listen()
+        port = other.getsockname()[1]
+        with pytest.raises(LinkError, match=f"{kind}://127.0.0.1:{port}: the port is in use; stop the other program"):
+            MavsdkLink(Endpoint(kind, "127.0.0.1", port))
+
+
+def test_a_host_that_is_not_ours_is_told_as_on_the_udp_link():
+    with pytest.raises(LinkError) as udp:
+        UdpLink(Endpoint("udpin", "192.0.2.1", 14540))
+    with pytest.raises(LinkError) as mavsdk:
+        MavsdkLink(Endpoint("udpin", "192.0.2.1", 14540))
+    assert str(mavsdk.value) == str(udp.value)
+
+
+def test_the_command_line_leaves_with_3_and_one_line(tmp_path):
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
+        other.bind(("127.0.0.1", 0))
+        port = other.getsockname()[1]
+        file = tmp_path / "c.yaml"
+        file.write_text(
+            f"vehicle: {{library: mavsdk, link: 'udpin://127.0.0.1:{port}'}}\nrecord: {{directory: {tmp_path}}}\n"
+        )
+        done = subprocess.run(
+            [sys.executable, "-c", "from circumnav_mav.cli import main; main()", "fly", str(file)],
+            capture_output=True,
+            text=True,
+            timeout=60,
+        )
+    assert done.returncode == 3, done.stderr
+    assert f"udpin://127.0.0.1:{port}: the port is in use" in done.stderr
+    assert "Traceback" not in done.stderr and len(done.stderr.splitlines()) == 1
+
+
+def test_a_child_that_cannot_connect_says_so_in_one_line():
+    """The port is taken between the parent's look and MAVSDK's: no traceback."""
+    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    with ours, theirs, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
+        other.bind(("127.0.0.1", 0))
+        url = f"udpin://127.0.0.1:{other.getsockname()[1]}"
+        done = subprocess.run(
+            [sys.executable, "-m", "circumnav_mav.runtime.mavsdk_child", url, str(theirs.fileno())],
+            pass_fds=[theirs.fileno()],
+            capture_output=True,
+            text=True,
+            timeout=60,
+        )
+    assert done.returncode == 3
+    assert "Traceback" not in done.stderr
+    assert done.stderr.splitlines()[-1].startswith(f"circumnav: {url}: MAVSDK")
