@@ -66,10 +66,30 @@ class TickRecord(NamedTuple):
     target_sigma_m: float
     drift_east_m_s: float  # wind minus the target's velocity
     drift_north_m_s: float
-    saturated: int
+    saturated: int  # 1: the law wanted more than the turn-rate limit
+    slewed: int  # 1: and a faster change than the turn-acceleration limit
+    barrier: int  # 1: its turn rate was changed, to stay within r_min and r_max
     rejected: int  # ranges rejected so far
     lateness_s: float
     missed_ticks: int
+
+
+class LimitedTicks:
+    """Counts the engaged ticks in which something was taken from the law's turn rate, for the live view."""
+
+    def __init__(self) -> None:
+        self._engaged = 0
+        self._counts: Counter[str] = Counter()
+
+    def count(self, tick: TickRecord) -> None:
+        """Take in one tick."""
+        if tick.phase in ENGAGED:
+            self._engaged += 1
+            self._counts.update({"saturated": tick.saturated, "slewed": tick.slewed, "barrier": tick.barrier})
+
+    def words(self) -> str:
+        """Return the shares of the engaged ticks; empty before the first."""
+        return ", ".join(f"{name} {count / self._engaged:.1%}" for name, count in self._counts.items())
 
 
 class Event(NamedTuple):
@@ -346,10 +366,11 @@ class Flight:
         """Give back what is held without a range or against a cause to break off: every time, not only the first."""
         if self.link.authority.control is not Control.HELD or phase not in (Phase.RANGE_LOST, Phase.BROKEN_OFF):
             return
-        action, why = self._config.on_range_lost, "range lost"
+        action: str = self._config.on_range_lost
+        why = "range lost"
         if phase is Phase.BROKEN_OFF:
             trip = self.lookout.trip
-            action, why = (trip.action, trip.text) if trip is not None else ("hold", self.computer.reason)
+            action, why = (trip.action, trip.text) if trip is not None else (action, self.computer.reason)
         if phase is self._phase:
             self._say(now_s, f"{phase}: engaged again: {why}: {action}", WARNING)
         self.link.authority.give_back(self.words.hand_over(action), now_s, f"{why}: {action}")
@@ -423,7 +444,9 @@ class Flight:
             decision.speed_source,
             self._height_m(now_s),
             *self.target,
-            int(decision.saturated),
+            int(decision.limits.saturated),
+            int(decision.limits.slewed),
+            int(decision.limits.barrier),
             self.rejected.total(),
             lateness_s,
             missed_ticks,

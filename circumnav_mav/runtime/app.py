@@ -13,7 +13,7 @@ from typing import Any
 
 from circumnav_mav.config import Config
 from circumnav_mav.endpoint import parse
-from circumnav_mav.flight import RANGING, VEHICLE, Flight, TickRecord
+from circumnav_mav.flight import RANGING, VEHICLE, Flight, LimitedTicks, TickRecord
 from circumnav_mav.guidance.phases import ENGAGED, Phase
 from circumnav_mav.guidance.target import describe, describe_drift
 from circumnav_mav.runtime.clock import Clock, run_on_grid
@@ -75,6 +75,7 @@ class App:
         self._drops_told = False
         self._verdict: tuple[str, str] | None = None
         self._silenced = False
+        self._limited = LimitedTicks()
         self._watchdog = Watchdog(self._silence)
         self._systemd = Notifier(os.environ)
 
@@ -151,6 +152,7 @@ class App:
         frames, record = self.flight.tick(now_s, lateness_s, missed)
         self._send(frames)
         self._recorder.tick(record)
+        self._limited.count(record)
         self._watch(now_s, record)
         return self._verdict is None and not self.flight.done
 
@@ -265,6 +267,7 @@ class App:
             "drift": describe_drift(self.flight.target),
             "sample_age_s": record.sample_age_s,
             "rejected": record.rejected,
+            "limited": self._limited.words(),
             "lateness_ms": self._lateness_s * 1e3,
             "missed_ticks": self._missed,
             "mode": record.mode,
