@@ -136,7 +136,8 @@ class Flight:
         self._unfit_since_s = nan
         self._unfit_told = ""
         self._ticked_s = nan
-        self._stopped = False
+        self.was_stopped = False
+        """Whether the process was stopped since the last tick began."""
         self._frames: list[bytes] = []
         self._signing_told = False
         self._r_m = nan
@@ -182,11 +183,11 @@ class Flight:
 
         What arrived meanwhile waits in the links with no sign of its age, and the autopilot may fly on its own by now.
         """
-        return self._stopped or now_s - self._ticked_s > self.link.authority.loss_timeout_s / 2
+        return self.was_stopped or now_s - self._ticked_s > self.link.authority.loss_timeout_s / 2
 
     def stopped(self) -> None:
         """The process was stopped and continues (SIGCONT): the next tick counts as one after a gap, however short."""
-        self._stopped = True
+        self.was_stopped = True
 
     def resume(self, now_s: float, take_in: Callable[[], float]) -> float:
         """Begin a tick: after a gap, `take_in` all that waits in the links, and believe no mode message older than now.
@@ -196,7 +197,7 @@ class Flight:
         if not self.was_away(now_s):
             return now_s
         now_s = take_in()
-        self._stopped = False
+        self.was_stopped = False
         self._say(now_s, "the loop was held up: no setpoint before a fresh mode message", WARNING)
         self._frames.append(self.link.after_gap(now_s))
         return now_s

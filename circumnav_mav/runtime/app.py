@@ -21,6 +21,7 @@ from circumnav_mav.runtime.keyfile import open_signer
 from circumnav_mav.runtime.links import open_ranging_link, open_vehicle_link
 from circumnav_mav.runtime.realtime import settle
 from circumnav_mav.runtime.recorder import Recorder
+from circumnav_mav.runtime.stopped import on_continue
 from circumnav_mav.runtime.systemd import Notifier
 from circumnav_mav.runtime.transport import Transport
 from circumnav_mav.runtime.view import REFRESH_HZ, View
@@ -104,14 +105,14 @@ class App:
         loop = asyncio.get_running_loop()
         for signum in (signal.SIGINT, signal.SIGTERM):
             loop.add_signal_handler(signum, self._on_signal, signum)
-        loop.add_signal_handler(signal.SIGCONT, self.flight.stopped)
         scheduling = settle()
         self._watchdog.start()
         try:
             for name, link in self._links.items():
                 link.start(loop, partial(self._on_data, name), partial(self._on_change, name))
             self._systemd.tell("READY=1", f"STATUS=listening on {self._config.vehicle.link}")
-            await run_on_grid(self._clock, self._config.loop.rate_hz, self._tick)
+            with on_continue(self.flight.stopped):
+                await run_on_grid(self._clock, self._config.loop.rate_hz, self._tick)
         finally:
             self.close_links()
             self._watchdog.stop()
@@ -165,7 +166,7 @@ class App:
     def _send(self, frames: list[bytes]) -> None:
         link = self._links[VEHICLE]
         for frame in frames:
-            if self._silenced:
+            if self._silenced or self.flight.was_stopped:  # since this tick began: what it decided is too old
                 return
             link.send(frame)
             self._recorder.frame(frame)
