@@ -66,10 +66,30 @@ class TickRecord(NamedTuple):
     target_sigma_m: float
     drift_east_m_s: float  # wind minus the target's velocity
     drift_north_m_s: float
-    saturated: int
+    saturated: int  # 1: the law wanted more than the turn-rate limit
+    slewed: int  # 1: and a faster change than the turn-acceleration limit
+    barrier: int  # 1: its turn rate was changed, to stay within r_min and r_max
     rejected: int  # ranges rejected so far
     lateness_s: float
     missed_ticks: int
+
+
+class LimitedTicks:
+    """Counts the engaged ticks in which something was taken from the law's turn rate, for the live view."""
+
+    def __init__(self) -> None:
+        self._engaged = 0
+        self._counts: Counter[str] = Counter()
+
+    def count(self, tick: TickRecord) -> None:
+        """Take in one tick."""
+        if tick.phase in ENGAGED:
+            self._engaged += 1
+            self._counts.update({"saturated": tick.saturated, "slewed": tick.slewed, "barrier": tick.barrier})
+
+    def words(self) -> str:
+        """Return the shares of the engaged ticks; empty before the first."""
+        return ", ".join(f"{name} {count / self._engaged:.1%}" for name, count in self._counts.items())
 
 
 class Event(NamedTuple):
@@ -116,7 +136,8 @@ class Flight:
         self._unfit_since_s = nan
         self._unfit_told = ""
         self._ticked_s = nan
-        self._stopped = False
+        self.was_stopped = False
+        """Whether the process was stopped since the last tick began."""
         self._frames: list[bytes] = []
         self._signing_told = False
         self._clock_told = False
@@ -166,11 +187,11 @@ class Flight:
 
         What arrived meanwhile waits in the links with no sign of its age, and the autopilot may fly on its own by now.
         """
-        return self._stopped or now_s - self._ticked_s > self.link.authority.loss_timeout_s / 2
+        return self.was_stopped or now_s - self._ticked_s > self.link.authority.loss_timeout_s / 2
 
     def stopped(self) -> None:
         """The process was stopped and continues (SIGCONT): the next tick counts as one after a gap, however short."""
-        self._stopped = True
+        self.was_stopped = True
 
     def resume(self, now_s: float, take_in: Callable[[], float]) -> float:
         """Begin a tick: after a gap, `take_in` all that waits in the links, and believe no mode message older than now.
@@ -180,7 +201,7 @@ class Flight:
         if not self.was_away(now_s):
             return now_s
         now_s = take_in()
-        self._stopped = False
+        self.was_stopped = False
         self._say(now_s, "the loop was held up: no setpoint before a fresh mode message", WARNING)
         self._frames += self.link.after_gap(now_s)
         return now_s
@@ -361,7 +382,7 @@ class Flight:
         why = "range lost"
         if phase is Phase.BROKEN_OFF:
             trip = self.lookout.trip
-            action, why = (trip.action, trip.text) if trip is not None else ("hold", self.computer.reason)
+            action, why = (trip.action, trip.text) if trip is not None else (action, self.computer.reason)
         if phase is self._phase:
             self._say(now_s, f"{phase}: engaged again: {why}: {action}", WARNING)
         self.link.authority.give_back(self.words.hand_over(action), now_s, f"{why}: {action}")
@@ -435,7 +456,9 @@ class Flight:
             decision.speed_source,
             self._height_m(now_s),
             *self.target,
-            int(decision.saturated),
+            int(decision.limits.saturated),
+            int(decision.limits.slewed),
+            int(decision.limits.barrier),
             self.rejected.total(),
             lateness_s,
             missed_ticks,

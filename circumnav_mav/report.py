@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from circumnav_mav.config import Config
-from circumnav_mav.guidance.computer import BAND_SHARE
+from circumnav_mav.guidance.computer import BAND_SHARE, Limits
 from circumnav_mav.guidance.phases import ENGAGED
 from circumnav_mav.runtime.app import Result
 
@@ -27,7 +27,8 @@ class Summary:
 
     error_from: truth (the stub's, in the demo) or estimate (the app's own, in a real flight). settle_time_s: from
     engagement until the error stays within max(5 % of the radius, 3 sigma_r) for good; None if it never does. tail: the
-    last half of the time from settling to the end of the orbit. Figures that do not exist are None.
+    last half of the time from settling to the end of the orbit. limited: shares of the engaged ticks in which the law's
+    turn rate was saturated, slewed, or changed by the barrier at r_min and r_max. Figures that do not exist are None.
     """
 
     outcome: str
@@ -42,6 +43,7 @@ class Summary:
     missed_ticks: int
     tick_lateness_p99_s: float | None
     sample_age_p99_s: float | None
+    limited: dict[str, float]
     rejected: dict[str, int]
     duration_s: float
 
@@ -87,6 +89,8 @@ def summarise(
     late = numbers(ticks.get("lateness_s", []))
     engaged = np.array([phase in ENGAGED_NAMES for phase in ticks.get("phase", [])], dtype=bool)
     ages = numbers(ticks.get("sample_age_s", []))[engaged]
+    flags = [name for name in Limits._fields if engaged.any() and name in ticks]
+    limited = {name: share(numbers(ticks[name])[engaged]) for name in flags}
     return Summary(
         outcome=result.outcome,
         text=result.text,
@@ -100,6 +104,7 @@ def summarise(
         missed_ticks=result.missed_ticks,
         tick_lateness_p99_s=percentile(late, 99),
         sample_age_p99_s=percentile(ages, 99),
+        limited=limited,
         rejected=result.rejected,
         duration_s=round(result.duration_s, 3),
     )
@@ -136,6 +141,11 @@ def percentile(values: Floats, q: float) -> float | None:
     return _rounded(np.percentile(finite, q), 6) if finite.size else None
 
 
+def share(flags: Floats) -> float:
+    """Return the share of the flags that are set."""
+    return _rounded(np.mean(flags))
+
+
 def _rounded(value: Any, digits: int = 4) -> float:
     return round(float(value), digits)
 
@@ -151,12 +161,14 @@ def lines(summary: Summary) -> list[str]:
     late = "-" if s.tick_lateness_p99_s is None else f"{s.tick_lateness_p99_s * 1e3:.2f} ms"
     age = "-" if s.sample_age_p99_s is None else f"{s.sample_age_p99_s:.2f} s"
     rejected = ", ".join(f"{reason} {count}" for reason, count in sorted(s.rejected.items())) or "none"
+    limited = ", ".join(f"{name} {part:.1%}" for name, part in s.limited.items()) or "-"
     return [
         f"outcome    {s.outcome}: {s.text}",
         f"orbit      {s.orbit_radius_m:g} m; {settled}",
         f"error      rms {metres(s.tail_rms_error_m)}, at most {metres(s.tail_max_error_m)} "
         f"(last half, from {s.error_from})",
         f"timing     {s.ticks} ticks, {s.missed_ticks} missed; late by {late} (p99); range age {age} (p99)",
+        f"limited    {limited} of the engaged ticks",
         f"rejected   {rejected}",
         f"duration   {s.duration_s:.1f} s",
     ]

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import inf, isfinite, isnan, nan, sqrt
+from typing import NamedTuple
 
 from circumnav_mav.guidance.barrier import Band, margin_m, within
 from circumnav_mav.guidance.estimators import make
@@ -61,6 +62,14 @@ class Status:
     handing_over: bool = False
 
 
+class Limits(NamedTuple):
+    """What of the law's turn rate was changed before it was asked of the vehicle."""
+
+    saturated: bool = False  # more than the turn-rate limit
+    slewed: bool = False  # changed faster than the turn-acceleration limit
+    barrier: bool = False  # led out of the range band
+
+
 @dataclass(frozen=True, slots=True)
 class Decision:
     """What one tick decided. setpoint: None = nothing may be asked of the vehicle in this phase."""
@@ -70,7 +79,8 @@ class Decision:
     setpoint: TurnRateSetpoint | None
     estimate: Estimate | None
     wanted_rad_s: float
-    saturated: bool
+    """By the law alone; NaN where it was not asked."""
+    limits: Limits
     speed_source: str
 
 
@@ -138,8 +148,8 @@ class GuidanceComputer:
         if estimate is not None and not (isfinite(estimate.r) and estimate.r > 0.0):
             estimate = None
         self._change_phase(now_s, status, estimate)
-        setpoint, wanted, saturated = self._setpoint(now_s, status, estimate)
-        return Decision(self.phase, self.reason, setpoint, estimate, wanted, saturated, source)
+        setpoint, wanted, limits = self._setpoint(now_s, status, estimate)
+        return Decision(self.phase, self.reason, setpoint, estimate, wanted, limits, source)
 
     def _motion(self, motion: Motion) -> tuple[Motion, str]:
         """The motion with the speed flown, or the configured speed where none is measured."""
@@ -181,23 +191,24 @@ class GuidanceComputer:
 
     def _setpoint(
         self, now_s: float, status: Status, estimate: Estimate | None
-    ) -> tuple[TurnRateSetpoint | None, float, bool]:
+    ) -> tuple[TurnRateSetpoint | None, float, Limits]:
         stay = TurnRateSetpoint(now_s, 0.0, 0.0, self.hold_height_m)
         if self.phase is Phase.READY or (self.phase in (Phase.RANGE_LOST, Phase.BROKEN_OFF) and status.held):
-            return stay, nan, False
+            return stay, nan, Limits()
         if self.phase not in ENGAGED:
-            return None, nan, False
+            return None, nan, Limits()
         if status.ending:
-            return stay, nan, False
+            return stay, nan, Limits()
         if estimate is None:
-            return None, nan, False
+            return None, nan, Limits()
         self.entered = self.entered or self._band.r_min <= estimate.r <= self._band.r_max
         band = self._band if self.entered else self._band._replace(r_max=inf)
-        wanted = within(self._turn_rate(estimate), estimate, band)
-        limited = self._limiter.limit(now_s, wanted)
+        wanted = self._turn_rate(estimate)
+        inside = within(wanted, estimate, band)
+        limited = self._limiter.limit(now_s, inside)
         speed = self._settings.context.V
         setpoint = TurnRateSetpoint(now_s, limited.turn_rate_rad_s, speed, self.hold_height_m)
-        return setpoint, wanted, limited.saturated
+        return setpoint, wanted, Limits(limited.saturated, limited.slewed, inside != wanted)
 
     def _turn_rate(self, estimate: Estimate) -> float:
         if self._settings.clockwise:

@@ -14,7 +14,7 @@ from typing import Any
 
 from circumnav_mav.config import Config
 from circumnav_mav.endpoint import parse
-from circumnav_mav.flight import RANGING, VEHICLE, Flight, TickRecord
+from circumnav_mav.flight import RANGING, VEHICLE, Flight, LimitedTicks, TickRecord
 from circumnav_mav.guidance.phases import ENGAGED, Phase
 from circumnav_mav.guidance.target import describe, describe_drift
 from circumnav_mav.runtime.clock import Clock, run_on_grid
@@ -22,6 +22,7 @@ from circumnav_mav.runtime.keyfile import open_signer
 from circumnav_mav.runtime.links import open_ranging_link, open_vehicle_link
 from circumnav_mav.runtime.realtime import settle
 from circumnav_mav.runtime.recorder import Recorder
+from circumnav_mav.runtime.stopped import on_continue
 from circumnav_mav.runtime.systemd import Notifier
 from circumnav_mav.runtime.transport import Transport
 from circumnav_mav.runtime.view import REFRESH_HZ, View
@@ -77,6 +78,7 @@ class App:
         self._drops_told = False
         self._verdict: tuple[str, str] | None = None
         self._silenced = False
+        self._limited = LimitedTicks()
         self._watchdog = Watchdog(self._silence)
         self._systemd = Notifier(os.environ)
 
@@ -105,14 +107,14 @@ class App:
         loop = asyncio.get_running_loop()
         for signum in (signal.SIGINT, signal.SIGTERM):
             loop.add_signal_handler(signum, self._on_signal, signum)
-        loop.add_signal_handler(signal.SIGCONT, self.flight.stopped)
         scheduling = settle()
         self._watchdog.start()
         try:
             for name, link in self._links.items():
                 link.start(loop, partial(self._on_data, name), partial(self._on_change, name))
             self._systemd.tell("READY=1", f"STATUS=listening on {self._config.vehicle.link}")
-            await run_on_grid(self._clock, self._config.loop.rate_hz, self._tick)
+            with on_continue(self.flight.stopped):
+                await run_on_grid(self._clock, self._config.loop.rate_hz, self._tick)
         finally:
             self.close_links()
             self._watchdog.stop()
@@ -153,6 +155,7 @@ class App:
         frames, record = self.flight.tick(now_s, lateness_s, missed)
         self._send(frames)
         self._recorder.tick(record)
+        self._limited.count(record)
         self._watch(now_s, record)
         return self._verdict is None and not self.flight.done
 
@@ -165,7 +168,7 @@ class App:
     def _send(self, frames: list[bytes]) -> None:
         link = self._links[VEHICLE]
         for frame in frames:
-            if self._silenced:
+            if self._silenced or self.flight.was_stopped:  # since this tick began: what it decided is too old
                 return
             link.send(frame)
             self._recorder.frame(frame)
@@ -269,6 +272,7 @@ class App:
             "drift": describe_drift(self.flight.target),
             "sample_age_s": record.sample_age_s,
             "rejected": record.rejected,
+            "limited": self._limited.words(),
             "lateness_ms": self._lateness_s * 1e3,
             "missed_ticks": self._missed,
             "mode": record.mode,

@@ -145,6 +145,7 @@ def draw(s: dict[str, Any], title: str, events: list[str]) -> Any:
         ("range age", number(s["sample_age_s"], ".2f", " s"), "rejected", str(s["rejected"])),
         ("lateness", number(s["lateness_ms"], ".2f", " ms"), "missed ticks", str(s["missed_ticks"])),
         ("autopilot", s["mode"] or "-", "authority", s["control"]),
+        ("turn rate limited", s["limited"] or "-", "", ""),
     ]
     for row in rows:
         table.add_row(Text(row[0], style="dim"), row[1], Text(row[2], style="dim"), row[3])

@@ -63,6 +63,7 @@ def test_the_json_has_the_documented_fields_and_null_for_what_is_not_there(tmp_p
             "missed_ticks",
             "tick_lateness_p99_s",
             "sample_age_p99_s",
+            "limited",
             "rejected",
             "duration_s",
         ),
@@ -70,6 +71,22 @@ def test_the_json_has_the_documented_fields_and_null_for_what_is_not_there(tmp_p
     assert (read["settle_time_s"], read["sample_age_p99_s"], read["error_from"]) == (None, None, "estimate")
     assert read["tick_lateness_p99_s"] == pytest.approx(0.00199)
     assert any("never settled" in line for line in lines(summary))
+
+
+def test_what_was_taken_from_the_law_is_a_share_of_the_engaged_ticks():
+    ticks = {
+        "t_s": ["1", "2", "3", "4", "5"],
+        "phase": ["ready", "acquiring", "orbiting", "coasting", "released"],
+        "r_m": ["60"] * 5,
+        "lateness_s": ["0"] * 5,
+        "sample_age_s": ["0"] * 5,
+        "saturated": ["0", "1", "1", "0", "0"],
+        "slewed": ["0", "1", "0", "0", "0"],
+        "barrier": ["0", "0", "0", "0", "0"],
+    }
+    summary = summarise(Config(), RESULT, ticks, None)
+    assert summary.limited == {"saturated": 0.6667, "slewed": 0.3333, "barrier": 0.0}
+    assert any("saturated 66.7%, slewed 33.3%, barrier 0.0%" in line for line in lines(summary))
 
 
 def test_a_flight_without_a_truth_is_drawn_too(tmp_path):

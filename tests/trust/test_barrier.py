@@ -8,9 +8,10 @@ import random
 
 import pytest
 
+from circumnav_mav.flight import LimitedTicks
 from circumnav_mav.guidance.barrier import Band, ahead, farthest, margin_m, nearest, within
 from circumnav_mav.guidance.kernel import Estimate
-from tests.lockstep import Rig, airborne, config
+from tests.lockstep import ENGAGED_NAMES, Rig, airborne, config
 
 V, U_MAX, LAG_S, ACCEL = 5.0, 0.8, 0.45, 2.0
 REACTION_S = LAG_S + U_MAX / ACCEL
@@ -121,3 +122,27 @@ def test_in_flight_the_vehicle_turns_away_before_r_min():
         nearest_m[r_min_m] = min(t.horizontal_range_m for t in log.truth)
     assert nearest_m[None] < 34.0 <= nearest_m[34.0]
     assert log.phases[-1] == "orbiting", "the barrier kept the law from its orbit"
+
+
+def test_the_record_shows_the_laws_own_turn_rate_and_each_thing_that_was_taken_from_it():
+    """Against the limits of the configuration: a law past its limit, a jump, a barrier, each flagged and no other."""
+    app = {"orbit": {"radius_m": 40.0, "r_min_m": 30.0}}
+    rig = Rig(config(**app), airborne(38.0, bearing_rad=0.0, seed=2, range_sigma_m=0.05)).engage()
+    rig.run(40.0)
+    limits, counted = rig.config.limits, LimitedTicks()
+    ticks = [t for t in rig.log.ticks if t.phase in ENGAGED_NAMES]
+    step = limits.turn_accel_rad_s2 * rig.tick_s
+    for before, tick in itertools.pairwise(ticks):
+        counted.count(tick)
+        wanted, sent = tick.turn_rate_wanted_rad_s, tick.turn_rate_sent_rad_s
+        if not (tick.saturated or tick.slewed or tick.barrier):
+            assert sent == wanted
+        if not tick.barrier:
+            assert tick.saturated == (abs(wanted) > limits.turn_rate_rad_s)
+            inside = max(-limits.turn_rate_rad_s, min(limits.turn_rate_rad_s, wanted))
+            assert tick.slewed == (abs(inside - before.turn_rate_sent_rad_s) > step * (1 + 1e-9))
+    assert any(t.barrier for t in ticks), "the case does not reach the barrier"
+    assert any(t.slewed for t in ticks), "the case does not reach the slew limit"
+    assert any(t.saturated for t in ticks), "the case does not reach the turn-rate limit"
+    shares = [sum(getattr(t, name) for t in ticks[1:]) / len(ticks[1:]) for name in ("saturated", "slewed", "barrier")]
+    assert counted.words() == "saturated {:.1%}, slewed {:.1%}, barrier {:.1%}".format(*shares)

@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+import asyncio
+import os
+import signal
+
 import pytest
 
+from circumnav_mav.runtime.stopped import on_continue
 from tests.lockstep import Rig, airborne, config
 from tests.trust.rules import HOLD, OFFBOARD, engage, keep_the_rules, last_setpoint_s, mode_requests, texts
 from tests.trust.wires import bad
@@ -92,6 +97,34 @@ def test_a_process_that_was_stopped_for_a_moment_starts_no_blind_stream():
     assert rig.log.ticks[-1].turn_rate_sent_rad_s != rig.log.ticks[-1].turn_rate_sent_rad_s
     rig.run(2.0)
     assert rig.log.sent(rig.now_s - 0.5)
+
+
+def test_the_continued_process_knows_it_before_any_callback_that_is_due():
+    """The tick was due while the process was stopped: it must find the flag set, and the flag is set once only."""
+    seen: list[str] = []
+
+    async def run() -> None:
+        loop = asyncio.get_running_loop()
+        with on_continue(lambda: seen.append("continued")):
+            loop.call_soon(os.kill, os.getpid(), signal.SIGCONT)
+            loop.call_soon(seen.append, "tick")
+            for _ in range(5):
+                await asyncio.sleep(0)
+
+    before = signal.getsignal(signal.SIGCONT)
+    asyncio.run(run())
+    assert seen == ["continued", "tick"]
+    assert signal.getsignal(signal.SIGCONT) is before
+
+
+def test_being_stopped_is_told_once():
+    rig = orbiting()
+    stopped_s = rig.now_s
+    rig.freeze(0.7)
+    rig.flight.stopped()
+    rig.run(3.0)
+    assert len([text for text in texts(rig, stopped_s) if "held up" in text]) == 1
+    assert rig.log.ticks[-1].control == "held"
 
 
 @pytest.mark.parametrize("action", [None, *LOSS_ACTIONS, 7])
