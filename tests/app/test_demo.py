@@ -11,6 +11,7 @@ from tests.app.test_realtime import run, written
 
 
 @pytest.mark.realtime
+@pytest.mark.soak
 @pytest.mark.parametrize(
     ("argument", "words"),
     [
@@ -28,6 +29,7 @@ def test_a_stub_that_does_not_start_ends_the_demo_at_once_in_its_own_words(tmp_p
 
 
 @pytest.mark.realtime
+@pytest.mark.soak
 def test_a_demo_without_a_record_flies_has_its_figures_and_says_so(tmp_path):
     (tmp_path / "flights").write_text("in the way")
     figures = tmp_path / "demo.json"
