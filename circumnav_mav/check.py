@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from math import nan, radians
 
 from circumnav_mav.config import Config, Limits, Vehicle
 from circumnav_mav.guidance.estimators import ESTIMATORS
 from circumnav_mav.guidance.laws import LAWS
 from circumnav_mav.guidance.laws.hashemi2013 import DEFAULT_KAPPA, gain
-from circumnav_mav.guidance.verdict import Finding, Flight, Severity, report, verdict
+from circumnav_mav.guidance.verdict import Finding, Flight, Severity, report, report_plain, verdict
 from circumnav_mav.ranging import SOURCES
 
 MARK: dict[Severity, str] = {"error": "ERROR  ", "warning": "warning", "info": "       "}
@@ -17,7 +18,8 @@ MARK: dict[Severity, str] = {"error": "ERROR  ", "warning": "warning", "info": "
 def findings(config: Config) -> list[Finding]:
     """Return what the theory says of this configuration, and which keys do nothing in it, gravest first."""
     orbit = config.orbit
-    kappa = gain(config.law.options, orbit.radius_m) if "kappa" in LAWS[config.law.name].options else DEFAULT_KAPPA
+    of_paper = "kappa" in LAWS[config.law.name].options
+    kappa = gain(config.law.options, orbit.radius_m) if of_paper else DEFAULT_KAPPA
     flight = Flight(
         r_a=orbit.radius_m,
         kappa=kappa,
@@ -26,9 +28,22 @@ def findings(config: Config) -> list[Finding]:
         # What the velocity lead does not take out of the vehicle's lag, and half a tick of holding a command.
         lag_s=config.vehicle_class.turn_lag_s + abs(config.vehicle_class.lead_s - config.lead_s),
         update_s=1.0 / config.loop.rate_hz,
+        bank_limit=radians(config.limits.bank_deg) if config.vehicle_class.banks else nan,
     )
     idle = [Finding("warning", "idle", text) for text in idle_keys(config)]
-    return sorted([*report(flight), *idle], key=lambda finding: list(MARK).index(finding.severity))
+    found = report(flight) if of_paper else report_plain(flight)
+    return sorted([*found, *suits(config), *idle], key=lambda finding: list(MARK).index(finding.severity))
+
+
+def suits(config: Config) -> Iterator[Finding]:
+    """Yield which estimator suits the vehicle, where another one is chosen."""
+    in_air = config.vehicle_class.speed == "air"
+    if in_air and config.estimator.name != "drift":
+        text = (
+            f"{config.vehicle.kind} drifts with the wind, which {config.estimator.name} does not know: estimator drift "
+            "with law tangent suits it"
+        )
+        yield Finding("warning", "estimator", text)
 
 
 def idle_keys(config: Config) -> Iterator[str]:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from math import isfinite
 from pathlib import Path
 from typing import Annotated, NoReturn
 
 import typer
 
-Seed = Annotated[int, typer.Option(help="of every random draw", min=0)]
+Seed = Annotated[int, typer.Option(help="of every random draw", min=0, max=2**63 - 1)]
 JsonFile = Annotated[Path | None, typer.Option("--json", help="write the figures to this file")]
 Several = list[str] | None
 EXIT_USAGE = 2
@@ -84,13 +85,14 @@ def tune(
     config: Annotated[Path, typer.Argument(help="configuration of the aircraft", show_default=False)],
     out: Annotated[Path, typer.Option(help="write the configuration with the gains found here")] = Path("tuned.yaml"),
     wind: Annotated[
-        float, typer.Option(help="strongest wind to fly in [m/s]; 0 where the autopilot holds ground speed", min=0)
-    ] = 0.0,
+        float | None,
+        typer.Option(help="strongest wind [m/s], default a fifth of the speed; 0 where ground speed is held", min=0),
+    ] = None,
     range_rate: Annotated[float, typer.Option(help="ranges a second", min=0.1)] = 10.0,
     from_log: Annotated[
         Path | None, typer.Option(help="read noise, lag and wind out of this flight's directory")
     ] = None,
-    keep: Annotated[bool, typer.Option("--keep", help="keep law and estimator, tune their gains only")] = False,
+    keep: Annotated[bool, typer.Option("--keep-pair", help="keep law and estimator, tune their gains only")] = False,
     seed: Seed = 1,
     plot: Annotated[
         Path | None, typer.Option(help="draw error against effort, with the Pareto front, to this PNG")
@@ -165,6 +167,8 @@ def _pair(text: str) -> tuple[float, float]:
         x, y = (float(part) for part in text.split(","))
     except ValueError:
         raise ValueError(f"--start wants two numbers such as -20,0, not '{text}'") from None
+    if not (isfinite(x) and isfinite(y)):
+        raise ValueError(f"--start wants two finite numbers, not '{text}'")
     return x, y
 
 

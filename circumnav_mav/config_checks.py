@@ -49,6 +49,10 @@ def cross_checks(config: Config, guidance: GuidanceSettings) -> Iterator[tuple[s
             key = next((k for k in ("kappa", "k") if k in config.law.options), "name")
             yield f"law.{key}", str(error)
     estimator = ESTIMATORS[config.estimator.name]
+    missing = sorted(set(law.needs) - estimator.gives - {"V"})
+    if missing:
+        able = [name for name, other in ESTIMATORS.items() if set(law.needs) <= other.gives | {"V"}]
+        yield "estimator.name", f"law {law.name} needs {', '.join(missing)}, which only {' or '.join(able)} gives"
     unknown = set(config.estimator.options) - set(estimator.options)
     yield from (("estimator." + k, f"no option of {estimator.name}{nearest(k, estimator.options)}") for k in unknown)
     if config.ranging.max_age_s * config.loop.rate_hz < 2:

@@ -167,7 +167,9 @@ class Flight:
             result = Rejected(now_s, "waited", "it waited in the link while the loop was held up: its age is unknown")
         if isinstance(result, RangeSample):
             self._newest_range_m = result.range_m
-            rejected = self.computer.on_sample(result, self._motion(now_s), self._height_m(now_s))
+            rejected = self.computer.on_sample(
+                result, self._motion(now_s), self._height_m(now_s), self._climb_m_s(now_s)
+            )
             if rejected is None:
                 return
             result = rejected
@@ -436,6 +438,9 @@ class Flight:
 
     def _height_m(self, now_s: float) -> float:
         return self.link.autopilot.height_above_home_m(now_s)
+
+    def _climb_m_s(self, now_s: float) -> float:
+        return self.link.autopilot.state(now_s).climb_m_s
 
     def _record(self, now_s: float, decision: Decision, lateness_s: float, missed_ticks: int) -> TickRecord:
         ap, estimate = self.link.autopilot, decision.estimate

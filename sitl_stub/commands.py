@@ -29,6 +29,8 @@ Params = tuple[float, ...]
 
 MODE_COMMANDS = {17: Mode.HOLD, 20: Mode.RTL, 21: Mode.LAND, 22: Mode.TAKEOFF, 192: Mode.HOLD, 300: Mode.MISSION}
 
+INT32_MOST = 2**31 - 1
+
 
 def take(stub: Stub, link: Link, message: Message, command: int, p: Params) -> None:
     """Carry out a command for the autopilot and acknowledge it."""
@@ -118,7 +120,11 @@ def _set_interval(stub: Stub, link: Link, p: Params) -> int:
 
 def _get_interval(stub: Stub, link: Link, p: Params) -> int:
     interval = link.intervals_s.get(_whole(p[0]))
-    stub.send(link, MESSAGE_INTERVAL, (_whole(p[0]) & 0xFFFF, -1 if interval is None else round(interval * 1e6)))
+    stub.send(
+        link,
+        MESSAGE_INTERVAL,
+        (_whole(p[0]) & 0xFFFF, -1 if interval is None else min(round(interval * 1e6), INT32_MOST)),
+    )
     return ACCEPTED
 
 

@@ -40,7 +40,8 @@ def _number(text: str) -> None:
 
 
 def _pair(text: str) -> None:
-    if len([float(part) for part in text.split(",")]) != 2:
+    parts = [float(part) for part in text.split(",")]
+    if len(parts) != 2 or not all(math.isfinite(part) for part in parts):
         raise ValueError
 
 
@@ -56,7 +57,7 @@ def _assignment(text: str) -> None:
     name, equals, value = text.partition("=")
     if not name or not equals:
         raise ValueError
-    float(value)
+    _number(value)
 
 
 def _byte(text: str) -> None:

@@ -1,6 +1,6 @@
 """`make bench`: what the app costs, as ratios within one run, because machines differ and are noisy.
 
-python -m tests.bench [receive] [loop] [lockstep]      (all by default; loop takes a minute)
+python -m tests.bench [receive] [lockstep] [estimators] [study] [loop]      (all by default; loop takes a minute)
 """
 
 from __future__ import annotations
@@ -31,9 +31,9 @@ RATE_HZ = 50.0
 
 
 def main() -> None:
-    chosen = sys.argv[1:] or ["receive", "lockstep", "loop"]
+    chosen = sys.argv[1:] or list(BENCHES)
     for name in chosen:
-        {"receive": receive, "loop": loop, "lockstep": lockstep}[name]()
+        BENCHES[name]()
 
 
 # -- the receive path ----------------------------------------------------------------------------------------------
@@ -201,6 +201,26 @@ def pymavlink_pack_us() -> float:
     for _ in range(count):
         mavlink.MAVLink_attitude_message(1, 2, 3, 4, 5, 6, 7.5).pack(mav)
     return (time.process_time() - begin) / count * 1e6
+
+
+def estimators() -> None:
+    """What a range costs each estimator, in flight."""
+    from circumnav_mav.study import cost
+
+    print("estimators, in plain Python")
+    for one in cost.estimator_costs():
+        print(f"  {one}")
+
+
+def study() -> None:
+    """The study's core beside a C program that flies the same."""
+    from tests.paper import bench_core
+
+    print("study, trajectory-steps a second")
+    bench_core.main()
+
+
+BENCHES = {"receive": receive, "lockstep": lockstep, "estimators": estimators, "study": study, "loop": loop}
 
 
 if __name__ == "__main__":

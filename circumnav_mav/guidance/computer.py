@@ -7,7 +7,7 @@ tick(now_s, status)        on the fixed grid: phase -> estimate -> law -> limite
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import inf, isfinite, isnan, nan, sqrt
+from math import inf, isfinite, isnan, nan
 from typing import NamedTuple
 
 from circumnav_mav.guidance.barrier import Band, margin_m, within
@@ -16,6 +16,7 @@ from circumnav_mav.guidance.kernel import Estimate, EstimatorContext, Law, LawCo
 from circumnav_mav.guidance.laws import LAWS
 from circumnav_mav.guidance.limiter import TurnRateLimiter
 from circumnav_mav.guidance.phases import ENGAGED, Facts, Phase, step
+from circumnav_mav.guidance.slant import level
 from circumnav_mav.types import RangeSample, Rejected, TurnRateSetpoint
 
 BAND_SHARE = 0.05
@@ -23,8 +24,6 @@ BAND_SHARE = 0.05
 SETTLED_S = 3.0
 STRAYED_S = 3.0
 STRAYED_BANDS = 3.0
-OVERHEAD_SHARE = 0.15
-"""Below this ratio of horizontal to slant range, the horizontal range is mostly error: sigma_r grows by 1 / ratio."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,9 +114,9 @@ class GuidanceComputer:
         self.hold_height_m = nan
         """Above home; as configured, or as it was when control began."""
 
-    def on_sample(self, sample: RangeSample, motion: Motion, height_m: float) -> Rejected | None:
-        """Use a range; return why not where it is not used."""
-        flat = self._horizontal(sample, height_m)
+    def on_sample(self, sample: RangeSample, motion: Motion, height_m: float, climb_m_s: float) -> Rejected | None:
+        """Use a range; return why not where it is not used. height_m, climb_m_s: the vehicle's, NaN unknown."""
+        flat = self._horizontal(sample, height_m, climb_m_s)
         if isinstance(flat, Rejected):
             return flat
         rejected = self.estimator.on_sample(flat, self._motion(motion)[0])
@@ -125,7 +124,7 @@ class GuidanceComputer:
             self._fresh_s = sample.t_s
         return rejected
 
-    def _horizontal(self, sample: RangeSample, height_m: float) -> RangeSample | Rejected:
+    def _horizontal(self, sample: RangeSample, height_m: float, climb_m_s: float) -> RangeSample | Rejected:
         """Slant range R to horizontal range, r = sqrt(R^2 - h^2), where the target's height is configured."""
         sigma = self._settings.sigma_m if isnan(sample.sigma_m) else sample.sigma_m
         if isnan(self._settings.target_height_m):
@@ -133,12 +132,10 @@ class GuidanceComputer:
         above = height_m - self._settings.target_height_m
         if isnan(above):
             return Rejected(sample.t_s, "no_height", "the slant range needs a height, and the autopilot sends none")
-        square = sample.range_m**2 - above**2
-        if square <= (OVERHEAD_SHARE * sample.range_m) ** 2:
+        flat = level(sample.range_m, sample.range_rate_m_s, sigma, above, climb_m_s, 0.0)
+        if flat.overhead:
             return Rejected(sample.t_s, "overhead", f"slant {sample.range_m:.1f} m at {above:.1f} m above the target")
-        r = sqrt(square)
-        ratio = sample.range_m / r
-        return RangeSample(sample.t_s, r, sample.range_rate_m_s * ratio, sigma * ratio, sample.beacon_id)
+        return RangeSample(sample.t_s, flat.r, flat.r_dot, flat.sigma_r, sample.beacon_id)
 
     def tick(self, now_s: float, status: Status) -> Decision:
         """Decide at `now_s`."""

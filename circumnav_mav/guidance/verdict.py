@@ -34,8 +34,24 @@ class Flight:
     wind: float = nan  # greatest steady wind expected, m/s
 
 
+def report_plain(flight: Flight) -> list[Finding]:
+    """Return what holds for any law: lap time, what the circle itself asks of the vehicle, and its bank."""
+    found = [*_circle(flight), *_bank(flight)]
+    return sorted(found, key=lambda finding: ("error", "warning", "info").index(finding.severity))
+
+
+def _circle(f: Flight) -> Iterator[Finding]:
+    text = f"one lap takes {theory.lap_time_s(f.r_a, f.V):.4g} s and turns at {f.V / f.r_a:.3g} rad/s"
+    if isfinite(f.turn_rate_limit):
+        text += f"; at the limit of {f.turn_rate_limit:.3g} rad/s it turns on {f.V / f.turn_rate_limit:.4g} m"
+    yield Finding("info", "circle", text)
+
+
 def report(flight: Flight) -> list[Finding]:
-    """Return what the theory says of this flight, gravest first. Raises ValueError where no orbit exists at all."""
+    """Return what the theory of the paper's law says of this flight, gravest first.
+
+    Raises ValueError where no orbit exists at all.
+    """
     theory.gain_per_m(flight.r_a, flight.kappa)
     parts = (_orbit, _turn_rate, _bank, _timing, _wind, _recurrence)
     found = [finding for part in parts for finding in part(flight)]

@@ -41,6 +41,7 @@ def test_every_fault_is_reported_at_once_with_its_line():
         ("orbit: {radius_m: 4, speed_m_s: 5}", "limits.turn_rate_rad_s"),
         ("law: {kappa: 0.9}", "no orbit exists below 1"),
         ("law: {kappa: .inf}", "finite"),
+        ("law: {name: tangent}\nestimator: {name: direct}", "which only drift gives"),
         ("law: {kapa: 2}", "did you mean 'kappa'"),
         ("law: {kappa: 3, k: 0.06}", "not both"),
         ("estimator: {gate_sigma: 3}", "did you mean 'gate_sigmas'"),

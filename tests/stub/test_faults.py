@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from pymavlink.dialects.v20 import all as mavlink
 
 from sitl_stub import Stub, StubConfig
 from sitl_stub.faults import FAULTS, parse
@@ -297,3 +298,19 @@ def test_an_unknown_parameter_in_a_timeline_is_refused_at_the_start() -> None:
 def test_every_kind_is_tested_here() -> None:
     source = Path(__file__).read_text(encoding="utf-8")
     assert [kind for kind in FAULTS if f" {kind}" not in source and f'"{kind} ' not in source] == []
+
+
+@pytest.mark.parametrize("line", ["2 wind nan,nan", "2 wind inf,1", "2 beacon nan,1", "2 param COM_OF_LOSS_T=nan"])
+def test_a_line_that_is_no_number_is_refused_before_the_flight(line: str) -> None:
+    with pytest.raises(ValueError, match=line.split()[1]):
+        parse(line)
+
+
+def test_a_huge_message_interval_is_told_and_does_not_end_the_vehicle() -> None:
+    stub = Stub(StubConfig())
+    mav = mavlink.MAVLink(None, 1, 191)
+    for command, interval_us in ((511, 1e30), (510, 0.0)):
+        message = mavlink.MAVLink_command_long_message(1, 1, command, 0, 30, interval_us, 0, 0, 0, 0, 0)
+        stub.receive("offboard", message.pack(mav))
+        stub.advance(stub.now_s + 0.1)
+    assert stub.take("offboard")
