@@ -134,10 +134,11 @@ def test_polar_moves_as_a_point_seen_from_the_vehicle():
 
 def test_direct_moves_as_the_polar_form_does():
     r, r_dot, V, u, dt = 90.0, -3.0, 10.0, -0.2, 1e-4
+    par = direct.parameters({}, EstimatorContext(r_a=50.0, V=V, turn_rate_limit=0.8, side=1.0))
     for side in (1.0, -1.0):
         theta = side * math.acos(-r_dot / V)
         m = Moved(dt, V * dt, 0.5 * V * u * dt * dt, u * dt, V, u, NAN)
-        h = direct.predict(direct.Side(r, r_dot, 1.0, 0.0, 1.0, 1.0, side), m, 0.0)
+        h = direct.predict(direct.Side(r, r_dot, 1.0, 0.0, 1.0, 1.0, side), m, par)
         theta_dot = V * math.sin(theta) / r + u  # the paper's polar form
         assert (h.r - r) / dt == pytest.approx(r_dot, rel=1e-4)
         assert (h.r_dot - r_dot) / dt == pytest.approx(V * math.sin(theta) * theta_dot, rel=1e-3)
