@@ -11,8 +11,8 @@ from circumnav_mav.runtime.transport import LinkError, Loop, OnChange, OnData
 
 DATAGRAM = 65535
 RECEIVE_BUFFER = 1 << 20
-MOST_DATAGRAMS_A_TURN = 200
-"""So that a flood cannot keep the loop from its ticks."""
+MOST_DATAGRAMS_A_TURN = 1
+"""One, so that a burst, or a flood, never stands between the loop and its tick: timers get their turn in between."""
 
 
 class UdpLink:
