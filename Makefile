@@ -13,7 +13,12 @@ $(VENV)/.installed: pyproject.toml constraints.txt
 	@echo "Setting up $(VENV) (once; about a minute)"
 	@$(PYTHON) -c 'import sys; sys.exit(0 if sys.version_info >= (3, 11) else "circumnav_mav needs Python 3.11 or newer, this is " + sys.version.split()[0] + ". Try: make PYTHON=python3.11")'
 	@$(PYTHON) -m venv $(VENV)
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev]'
+	@PYTHONWARNINGS=ignore $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev]'
+	@touch $@
+
+$(VENV)/.peers: $(VENV)/.installed
+	@echo "Adding the peers of the long suite to $(VENV) (once)"
+	@PYTHONWARNINGS=ignore $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev,peers]'
 	@touch $@
 
 demo: $(VENV)/.installed  ## watch a multirotor find and circle a beacon
@@ -29,10 +34,10 @@ test: check  ## everything a change must pass, within eight minutes on two cores
 	$(PYTEST) -n 2 -q -m "not realtime and not soak"
 	$(PYTEST) -q -m "realtime and not soak"
 
-soak: $(VENV)/.installed  ## the long suite: fuzz, randomised flights, 1,000-run rows, real peers
+soak: $(VENV)/.peers  ## the long suite: fuzz, randomised flights, 1,000-run rows, real peers
 	SOAK_SEED=$(SOAK_SEED) SOAK_SHARE=$(SOAK_SHARE) $(PYTEST) -n 2 -q -m "soak"
 
-soak-sample: $(VENV)/.installed  ## one twentieth of soak, for CI
+soak-sample: $(VENV)/.peers  ## one twentieth of soak, for CI
 	SOAK_SEED=$(SOAK_SEED) SOAK_SHARE=0.05 $(PYTEST) -n 2 -q -m "soak"
 
 bench: $(VENV)/.installed  ## what the receive path, the tick and the loop cost, as ratios within one run
