@@ -328,7 +328,7 @@ class Flight:
     def _judge(self, now_s: float) -> None:
         """Look whether the autopilot is the one for this vehicle class; say when a pilot may engage."""
         ap, before = self.link.autopilot, self.unfit
-        self.unfit = self._fitness.unfit(ap, now_s)
+        self.unfit = self._fitness.unfit(ap, now_s, held=self.link.authority.control in (Control.ASKED, Control.HELD))
         if self.unfit is not None:
             if self.link.authority.control is not Control.RELEASED:
                 self.link.ask_for(self._fitness.ask_again(ap, now_s))

@@ -103,4 +103,5 @@ ARDUPLANE = VehicleClass(
         arm_patience_s=60.0,
     ),
     banks=True,
+    turn_share=0.7,
 )

@@ -68,8 +68,8 @@ class TakeOff:
     """Time of level flight at the top before control is asked for (a plane's trim is learned then)."""
     height_parameter: str = ""
     """The autopilot's parameter that decides the height, where no command carries it."""
-    arm_patience_s: float = 0.0
-    """Arming that is refused is tried again for so long: an ArduPilot is not ready when it says STANDBY."""
+    arm_patience_s: float = 10.0
+    """Arming that is refused is tried again for so long: the reason may pass, and ArduPilot says STANDBY too early."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,11 +90,12 @@ class VehicleClass:
     take_off: TakeOff | None = None
     lead_s: float = 0.0  # lag of the course behind the nose, measured, taken out by turning the velocity ahead
     banks: bool = False  # turns by limits.bank_deg
+    turn_share: float = 1.0  # of a coordinated turn's rate, which a bank gives for sure
     lateral_m_s2: float = inf  # acceleration across the course that the autopilot gives at most
     attitude: bool = False  # flies by attitude: takes vehicle.pitch_deg and vehicle.thrust
     wants_pitch: bool = False  # cannot fly without vehicle.pitch_deg
 
     def turn_rate_limit(self, turn_rate_rad_s: float, bank_rad: float, speed_m_s: float) -> float:
         """Return the turn rate [rad/s] that limits, bank and lateral acceleration all allow at a speed."""
-        lateral = min(self.lateral_m_s2, G_M_S2 * tan(bank_rad) if self.banks else inf)
+        lateral = min(self.lateral_m_s2, self.turn_share * G_M_S2 * tan(bank_rad) if self.banks else inf)
         return min(turn_rate_rad_s, lateral / speed_m_s)
