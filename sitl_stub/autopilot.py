@@ -63,7 +63,7 @@ class Autopilot:
         self.boot_us = max(0, round((now_s - self._boot_s + self._clock_s) * 1e6))
         self.boot_ms = self.boot_us // 1000
         self.wind_n, self.wind_e = wind_n, wind_e
-        self.commander.update(now_s, self.vehicle.h <= 0.0)
+        self.commander.update(now_s, self.vehicle.h <= 0.0 and not self.pilot.pushing)
         if self._compass_errs and isinstance(self.pilot, MultirotorPilot):
             self.pilot.yaw_error_rad = self.yaw_estimate() - self.vehicle.yaw
         self.pilot.step(now_s, wind_n, wind_e)

@@ -38,6 +38,8 @@ class Path(NamedTuple):
 class FixedWingPilot:
     """Steps a FixedWing through PX4's modes."""
 
+    pushing = False  # it leaves the ground in the moment that its lift carries it
+
     def __init__(self, vehicle: FixedWing, commander: Commander, params: Parameters, airspeed_scale: float) -> None:
         self.vehicle, self.commander, self.params = vehicle, commander, params
         self.setpoint: Setpoint | None = None
@@ -55,6 +57,11 @@ class FixedWingPilot:
         self._flown = (0.0, vehicle.pitch, vehicle.thrust)  # the last attitude setpoint, frozen when nothing new counts
         self._rates = (0.0, 0.0)
         self._overbanked = False
+
+    @property
+    def landing(self) -> bool:
+        """Whether it comes down to land."""
+        return self._mode is Mode.LAND
 
     def begin_in_hold(self) -> None:
         """Loiter from where it starts in the air."""

@@ -39,6 +39,16 @@ class MultirotorPilot:
         self._drift_kick = drift_m_s * math.sqrt(1.0 - self._drift_keep**2)
         self._next_drift_s = 0.0
 
+    @property
+    def pushing(self) -> bool:
+        """Whether it takes off and stands only because the thrust is still rising."""
+        return self.auto.pushing
+
+    @property
+    def landing(self) -> bool:
+        """Whether it comes down to land, in Land or at the end of Return."""
+        return self.auto.landing
+
     def begin_in_hold(self) -> None:
         """Hold from where it starts in the air."""
         self.auto.enter(self._mode, 0.0)
@@ -67,7 +77,7 @@ class MultirotorPilot:
             self._next_drift_s += 0.1
             self._drift = self._drift * self._drift_keep + self._drift_kick * self._random.gauss(0.0, 1.0)
         if not commander.armed:
-            self.auto.entered_s = now_s  # spooling up begins with arming
+            self.auto.armed_s, self.auto.pushing = now_s, False  # spooling up begins with arming
             if v.h <= 0.0:
                 v.rest()
             else:

@@ -60,17 +60,23 @@ _MULTIROTOR: dict[str, int | float] = {
     "MPC_ACC_UP_MAX": 4.0,
     "MPC_JERK_AUTO": 4.0,
     "MPC_LAND_ALT1": 10.0,
+    "MPC_LAND_ALT2": 5.0,
     "MPC_LAND_SPEED": 0.7,
     "MPC_THR_HOVER": 0.489,
     "MPC_TILTMAX_AIR": 45.0,
+    "MPC_TKO_RAMP_T": 3.0,
     "MPC_TKO_SPEED": 1.5,
     "MPC_XY_CRUISE": 5.0,
+    "MPC_XY_ERR_MAX": 2.0,
     "MPC_XY_P": 0.95,
     "MPC_XY_VEL_MAX": 12.0,
     "MPC_YAWRAUTO_MAX": 45.0,
     "MPC_Z_P": 1.0,
     "MPC_Z_VEL_MAX_DN": 1.5,
     "MPC_Z_VEL_MAX_UP": 3.0,
+    "MPC_Z_V_AUTO_DN": 1.5,
+    "MPC_Z_V_AUTO_UP": 3.0,
+    "NAV_MC_ALT_RAD": 0.8,
 }
 
 _FIXED_WING: dict[str, int | float] = {

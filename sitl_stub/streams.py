@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 NAN = math.nan
 HEARTBEAT, CURRENT_MODE = 0, 436
+ON_GROUND, IN_AIR, TAKING_OFF, LANDING = 1, 2, 3, 4
 # Upper triangles of 6 x 6 matrices with something on the diagonal.
 COVARIANCE = tuple(0.08 if i in (0, 6, 11, 15, 18, 20) else 0.0 for i in range(21))
 
@@ -123,7 +124,9 @@ def gps_raw_int(a: Autopilot) -> tuple[Any, ...]:
 
 
 def extended_sys_state(a: Autopilot) -> tuple[Any, ...]:
-    return 0, 1 if a.commander.landed else 2
+    if a.commander.landed:
+        return 0, ON_GROUND
+    return 0, TAKING_OFF if a.commander.mode is Mode.TAKEOFF else LANDING if a.pilot.landing else IN_AIR
 
 
 # As PX4 shows them: the pre-arm check is never "present", only healthy or not.
