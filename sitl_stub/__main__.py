@@ -9,6 +9,7 @@ import signal
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from typing import NoReturn
 
 from sitl_stub import __version__
 from sitl_stub.config import AIRFRAMES, RANGE_MESSAGES, StubConfig
@@ -120,6 +121,8 @@ def _config(a: argparse.Namespace) -> StubConfig:
         outlier_share=a.outliers,
         outlier_mean_m=a.outlier_mean,
         range_max_m=a.max_range,
+        range_step_m=a.range_step,
+        ready_after_s=a.ready_after,
         range_link="ranging" if a.ranging_port else "offboard",
         range_message=a.range_message,
         range_sysid=a.range_from[0] if a.range_from else None,
@@ -146,8 +149,14 @@ def _fault_help() -> str:
     )
 
 
+class _Parser(argparse.ArgumentParser):
+    def error(self, message: str) -> NoReturn:
+        """Say in one line what is wrong."""
+        self.exit(2, f"sitl_stub: {message} (python -m sitl_stub --help lists every option)\n")
+
+
 def _parser() -> argparse.ArgumentParser:
-    p = argparse.ArgumentParser(
+    p = _Parser(
         prog="python -m sitl_stub",
         description=__doc__,
         epilog=EPILOG + _fault_help(),
@@ -162,6 +171,13 @@ def _parser() -> argparse.ArgumentParser:
     add("--truth", metavar="FILE", help="write the ground truth as CSV")
     add("--param", type=_assignment, action="append", default=[], metavar="NAME=VALUE", help="set a PX4 parameter")
     add("--system-id", type=int, default=1, metavar="ID", help="MAVLink system id (1)")
+    add(
+        "--ready-after",
+        type=float,
+        default=1.0,
+        metavar="S",
+        help="arming is refused until then (1; a real PX4: 6 to 8)",
+    )
     add("--start", type=_numbers(2), default=(0.0, 0.0), metavar="E,N", help="where it stands at the start")
     add("--heading", type=float, default=0.0, metavar="DEG", help="compass heading at the start (0 = north)")
     add("--airborne", type=float, default=0.0, metavar="H", help="start flying in Hold at this height")
@@ -178,13 +194,14 @@ def _parser() -> argparse.ArgumentParser:
     add("--outlier-mean", type=float, default=10.0, metavar="M", help="mean of the excess (10)")
     add("--dropout", type=_window, action="append", default=[], metavar="A:B", help="no ranges from A to B")
     add("--max-range", type=_positive, default=650.0, metavar="M", help="the radio is silent beyond it (650)")
+    add("--range-step", type=float, default=0.0, metavar="M", help="ranges come in steps of so much (0: as they are)")
     add("--range-message", choices=RANGE_MESSAGES, default="distance_sensor", help="what carries ranges")
     add("--range-from", type=_ids, metavar="SYS,COMP", help="who sends ranges (the vehicle's system, component 158)")
     add("--sensor-id", type=int, default=7, metavar="ID", help="of DISTANCE_SENSOR (7)")
     add("--orientation", type=int, default=0, metavar="N", help="of DISTANCE_SENSOR (0)")
     add("--beacon-id", type=int, default=1, metavar="ID", help="of RANGING_BEACON, LANDING_TARGET, devices (1)")
     add("--device", choices=sorted(DEVICES), default="", help="send a device's own bytes instead of messages, on a")
-    add("--device-port", type=int, default=0, metavar="PORT", help="UDP port, or without it on a pseudo-terminal")
+    add("--device-port", type=_port, default=0, metavar="PORT", help="UDP port, or without it on a pseudo-terminal")
     add("--compass-error", type=float, default=0.0, metavar="DEG", help="what the compass shows too much, clockwise")
     add("--airspeed-scale", type=_positive, default=1.0, metavar="K", help="airspeed shown / true airspeed")
     add("--no-gps", action="store_true", help="no position estimate")
@@ -193,11 +210,11 @@ def _parser() -> argparse.ArgumentParser:
     add("--fault", action="append", default=[], metavar="LINE", help="'FROM-TO KIND ...' or 'AT KIND ...', see below")
     add("--faults", metavar="FILE", help="a file of such lines")
     add("--no-radio", action="store_true", help="no ranging radio on board")
-    add("--offboard-port", type=int, default=14540, metavar="PORT", help="the companion's port (14540)")
-    add("--offboard-listen", type=int, default=14580, metavar="PORT", help="the vehicle's port for it (14580)")
-    add("--gcs-port", type=int, default=14550, metavar="PORT", help="the ground station's port (14550)")
-    add("--gcs-listen", type=int, default=18570, metavar="PORT", help="the vehicle's port for it (18570)")
-    add("--ranging-port", type=int, default=0, metavar="PORT", help="send ranges here, not on the vehicle's link")
+    add("--offboard-port", type=_port, default=14540, metavar="PORT", help="the companion's port (14540)")
+    add("--offboard-listen", type=_port, default=14580, metavar="PORT", help="the vehicle's port for it (14580)")
+    add("--gcs-port", type=_port, default=14550, metavar="PORT", help="the ground station's port (14550)")
+    add("--gcs-listen", type=_port, default=18570, metavar="PORT", help="the vehicle's port for it (18570)")
+    add("--ranging-port", type=_port, default=0, metavar="PORT", help="send ranges here, not on the vehicle's link")
     return p
 
 
@@ -206,6 +223,12 @@ def _positive(text: str) -> float:
     if not 0.0 < value < math.inf:
         raise argparse.ArgumentTypeError(f"{text} is not a positive number")
     return value
+
+
+def _port(text: str) -> int:
+    if not text.isdecimal() or int(text) > 65535:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a UDP port: 0 to 65535")
+    return int(text)
 
 
 def _numbers(*counts: int) -> Callable[[str], tuple[float, ...]]:

@@ -61,7 +61,7 @@ class Autopilot:
         """Carry everything to now_s."""
         self.now_s = now_s
         self.boot_us = max(0, round((now_s - self._boot_s + self._clock_s) * 1e6))
-        self.boot_ms = self.boot_us // 1000
+        self.boot_ms = self.boot_us // 1000 & 0xFFFFFFFF  # 32 bits on the wire: it wraps after 49.7 days
         self.wind_n, self.wind_e = wind_n, wind_e
         self.commander.update(now_s, self.vehicle.h <= 0.0 and not self.pilot.pushing)
         if self._compass_errs and isinstance(self.pilot, MultirotorPilot):

@@ -188,8 +188,8 @@ class AutoModes:
 
     def climb_limited(self, climb_m_s: float) -> float:
         """Return a climb rate within the parameters' limits."""
-        down = max(-self.params["MPC_Z_VEL_MAX_DN"], -AIRFRAME_MAX_M_S)
-        up = min(self.params["MPC_Z_VEL_MAX_UP"], AIRFRAME_MAX_M_S)
+        down = -min(max(self.params["MPC_Z_VEL_MAX_DN"], 0.0), AIRFRAME_MAX_M_S)
+        up = min(max(self.params["MPC_Z_VEL_MAX_UP"], 0.0), AIRFRAME_MAX_M_S)
         return down if climb_m_s < down else up if climb_m_s > up else climb_m_s
 
     def _descent(self) -> float:
