@@ -203,7 +203,7 @@ def _parser() -> argparse.ArgumentParser:
     add("--device", choices=sorted(DEVICES), default="", help="send a device's own bytes instead of messages, on a")
     add("--device-port", type=_port, default=0, metavar="PORT", help="UDP port, or without it on a pseudo-terminal")
     add("--compass-error", type=float, default=0.0, metavar="DEG", help="what the compass shows too much, clockwise")
-    add("--airspeed-scale", type=_positive, default=1.0, metavar="K", help="airspeed shown / true airspeed")
+    add("--airspeed-scale", type=_positive, default=1.0, metavar="K", help="airspeed shown / calibrated airspeed")
     add("--no-gps", action="store_true", help="no position estimate")
     add("--mavlink", type=int, choices=(1, 2), default=2, help="1: speak MAVLink 1 until the peer speaks 2")
     add("--sign", metavar="PASSPHRASE", help="sign MAVLink 2 with the SHA-256 of this, and take only signed frames")

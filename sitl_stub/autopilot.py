@@ -8,11 +8,12 @@ from sitl_stub.commander import Commander
 from sitl_stub.config import StubConfig
 from sitl_stub.fixed_wing import FixedWing
 from sitl_stub.fixed_wing_pilot import FixedWingPilot
-from sitl_stub.kinematics import Multirotor, wrap
+from sitl_stub.kinematics import Multirotor, body_rates, wrap
 from sitl_stub.missions import Missions
 from sitl_stub.multirotor_pilot import MultirotorPilot
 from sitl_stub.offboard import RatesTarget, Setpoint, Trajectory
 from sitl_stub.params import Parameters
+from sitl_stub.world import calibrated_per_true
 
 UNIX_START_S = 1_767_225_600  # SYSTEM_TIME at boot: simulated flights all begin on 2026-01-01
 START_AIRSPEED_M_S = 12.0  # of an airplane that starts in the air
@@ -99,8 +100,15 @@ class Autopilot:
         return math.sqrt((v.vn - self.wind_n) ** 2 + (v.ve - self.wind_e) ** 2 + v.vu**2)
 
     def airspeed_estimate(self) -> float:
-        """Return VFR_HUD.airspeed; a multirotor has no sensor and reports 0."""
-        return self.vehicle.airspeed * self.config.airspeed_scale if isinstance(self.vehicle, FixedWing) else 0.0
+        """Return VFR_HUD.airspeed, which is calibrated airspeed; a multirotor has no sensor and reports 0."""
+        if not isinstance(self.vehicle, FixedWing):
+            return 0.0
+        return self.vehicle.airspeed * self.config.airspeed_scale * calibrated_per_true(self.vehicle.h)
+
+    def body_rates(self) -> tuple[float, float, float]:
+        """Return what the gyroscopes read [rad/s]: about the nose, the right wing and downwards."""
+        v = self.vehicle
+        return body_rates(v.roll, v.pitch, v.roll_rate, v.pitch_rate, v.yaw_rate)
 
     def flies_body_rates(self) -> bool:
         """Whether OFFBOARD flies body rates (base_mode then loses its STABILIZE bit)."""

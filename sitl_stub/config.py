@@ -50,7 +50,7 @@ class StubConfig:
 
     compass_error_rad: float = 0.0  # the autopilot's yaw minus the true one (clockwise)
     compass_wobble_rad: float = 0.0  # and a part that goes with the sine of the yaw (iron on board)
-    airspeed_scale: float = 1.0  # airspeed shown / true airspeed (fixed wing)
+    airspeed_scale: float = 1.0  # an error of the airspeed sensor: shown / calibrated airspeed (fixed wing)
     gps: bool = True  # without it there is no local position, and PX4 refuses what needs one
     local_z_error_m: float = -0.46  # what LOCAL_POSITION_NED.z reads on the ground (PX4: -0.73 to 0.01 seen)
 
@@ -145,7 +145,7 @@ def _wrong_numbers(c: StubConfig) -> Iterator[str]:
             continue
         if isinstance(value, bool) or not isinstance(value, Integral if whole else Real):
             yield f"{f.name} {value!r} is not a {'whole ' * whole}number"
-        elif not least <= value <= most:  # NaN is never within
+        elif not least <= float(value) <= most:  # NaN is never within
             yield f"{f.name} {value} is not within {least:g}..{most:g}"
     for name, value in _items(c.params):
         if not isinstance(name, str) or isinstance(value, bool) or not isinstance(value, Real):
@@ -192,7 +192,8 @@ def _wrong_parameters(c: StubConfig) -> Iterator[str]:
 
 
 def _wrong_lines(c: StubConfig) -> Iterator[str]:
-    if isinstance(c.faults, str):
+    lines: object = c.faults
+    if isinstance(lines, str):
         yield "faults is one line: write a tuple of lines"
         return
     known = Parameters(c.airframe == "fixed_wing")

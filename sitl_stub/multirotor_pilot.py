@@ -6,7 +6,7 @@ import math
 import random
 
 from sitl_stub.commander import Commander
-from sitl_stub.kinematics import YAW_RATE_GAIN, Multirotor
+from sitl_stub.kinematics import YAW_RATE_GAIN, Multirotor, body_rates
 from sitl_stub.modes import Mode
 from sitl_stub.multirotor_auto import AutoModes, limited
 from sitl_stub.offboard import AttitudeTarget, RatesTarget, Setpoint, Trajectory
@@ -170,4 +170,4 @@ class MultirotorPilot:
         feed_forward = s.yaw_rate if math.isfinite(s.yaw_rate) else 0.0
         yaw_rate = v.yaw_rate_to(s.yaw - self.yaw_error_rad, feed_forward, float(self.params["MC_YAW_P"]))
         v.step_attitude(s.roll, s.pitch, yaw_rate, thrust, wind_n, wind_e)
-        self._rates = (v.roll_rate, v.pitch_rate, v.yaw_rate)
+        self._rates = body_rates(v.roll, v.pitch, v.roll_rate, v.pitch_rate, v.yaw_rate)

@@ -11,7 +11,7 @@ import struct
 from collections.abc import Iterator, Mapping
 
 INT32, REAL32 = 6, 9
-Entry = tuple[int | float, int | float, int | float]  # default, least, most: about as in PX4's parameter reference
+Entry = tuple[int | float, int | float, int | float]  # default, least, most: as PX4 documents them, or somewhat wider
 
 _COMMON: dict[str, Entry] = {
     "BAT1_N_CELLS": (4, 0, 16),
@@ -43,7 +43,7 @@ _COMMON: dict[str, Entry] = {
     "MIS_TAKEOFF_ALT": (2.5, 0.0, 80.0),
     "NAV_ACC_RAD": (10.0, 0.05, 200.0),
     "NAV_DLL_ACT": (0, 0, 6),
-    "NAV_LOITER_RAD": (80.0, 25.0, 1000.0),
+    "NAV_LOITER_RAD": (80.0, 5.0, 1000.0),
     "NAV_RCL_ACT": (2, 0, 6),
     "RTL_DESCEND_ALT": (30.0, 0.0, 1000.0),
     "RTL_LAND_DELAY": (0.0, -1.0, 300.0),
@@ -89,7 +89,7 @@ _FIXED_WING: dict[str, Entry] = {
     "FW_AIRSPD_TRIM": (15.0, 0.5, 1000.0),
     "FW_P_LIM_MAX": (30.0, 0.0, 60.0),
     "FW_P_LIM_MIN": (-30.0, -60.0, 0.0),
-    "FW_R_LIM": (50.0, 35.0, 65.0),
+    "FW_R_LIM": (50.0, 5.0, 80.0),
     "FW_R_RMAX": (70.0, 0.0, 180.0),
     "FW_R_TC": (0.4, 0.2, 1.0),
     "FW_THR_TRIM": (0.6, 0.0, 1.0),
