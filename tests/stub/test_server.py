@@ -98,6 +98,7 @@ def test_wrong_arguments_are_one_clear_line(arguments: list[str], words: str) ->
 
 
 @pytest.mark.realtime
+@pytest.mark.soak
 def test_the_fixture_gives_a_vehicle_that_flies(sitl: Any) -> None:
     """A companion in ten lines, at ten times the speed: stream, ask for OFFBOARD, move north."""
     vehicle = sitl(start_height_m=30.0, speed=10.0, radio=False)
