@@ -39,6 +39,7 @@ class Autopilot:
         place = (self.origin_n, self.origin_e, config.start_height_m, yaw)
         self.commander = Commander(self.params, config.ready_after_s)
         self.commander.position_ok = config.gps
+        self.commander.sticks_override = not self.fixed_wing
         self.vehicle: Multirotor | FixedWing
         self.pilot: MultirotorPilot | FixedWingPilot
         if self.fixed_wing:

@@ -48,6 +48,17 @@ def test_hold_is_a_circle_at_full_throttle() -> None:
     assert truth.height_m == pytest.approx(100.0, abs=3.0)
 
 
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("FW_AIRSPD_MIN", 10), ("FW_AIRSPD_TRIM", 15), ("FW_AIRSPD_MAX", 20), ("FW_R_LIM", 50), ("FW_R_TC", 0.4),
+        ("FW_R_RMAX", 70), ("FW_P_LIM_MIN", -30), ("FW_P_LIM_MAX", 30), ("FW_THR_TRIM", 0.6), ("NAV_LOITER_RAD", 80),
+    ],
+)  # fmt: skip
+def test_boot_values_of_section_5(name: str, value: float) -> None:
+    assert Rig(airframe="fixed_wing").stub.autopilot.params[name] == value
+
+
 def test_take_off() -> None:
     """27 s to 100 m, about 4.8 m/s at 10 m/s of airspeed, then Hold."""
     rig = Rig(airframe="fixed_wing")
