@@ -46,12 +46,16 @@ class Climb:
     def towards(self, height_m: float) -> float:
         """Return the velocity up [m/s] of one step towards a height."""
         params, dt = self.params, self.vehicle.dt_s
+        if self.h == height_m:
+            return float(params["MPC_Z_P"]) * (height_m - self.vehicle.h)
         down, up = float(params["MPC_Z_V_AUTO_DN"]), float(params["MPC_Z_V_AUTO_UP"])
         wanted = min(max(TRAJECTORY_GAIN_PER_S * (height_m - self.h), -down), up)
         most = float(params["MPC_ACC_UP_MAX" if wanted > self.v else "MPC_ACC_DOWN_MAX"]) / 2.0 * dt  # limited jerk
         self.v += min(max(wanted - self.v, -most), most)
         slowed = max(0.0, 1.0 - TRACKING_ERROR_M / max(float(params["MPC_XY_ERR_MAX"]), 0.1))
         self.h += slowed * self.v * dt
+        if abs(height_m - self.h) < 1e-3 and abs(self.v) < 1e-2:
+            self.h, self.v = height_m, 0.0
         return self.v + float(params["MPC_Z_P"]) * (self.h - self.vehicle.h)
 
 

@@ -18,7 +18,7 @@ from sitl_stub.world import HOME_AMSL_M, lat_lon_deg, pressure_hpa
 if TYPE_CHECKING:
     from sitl_stub.autopilot import Autopilot
 
-NAN = math.nan
+NAN, HOME_AMSL_MM = math.nan, round(HOME_AMSL_M * 1e3)
 HEARTBEAT, CURRENT_MODE = 0, 436
 ON_GROUND, IN_AIR, TAKING_OFF, LANDING = 1, 2, 3, 4
 # Upper triangles of 6 x 6 matrices with something on the diagonal.
@@ -47,10 +47,10 @@ def global_position_int(a: Autopilot) -> tuple[Any, ...]:
     v = a.vehicle
     lat, lon = lat_lon_deg(v.n, v.e)
     heading = _round(math.degrees(a.yaw_estimate()) * 100.0) % 36000
-    cm = _int16
+    mm = floor(v.h * 1e3 + 0.5)
     return (
-        a.boot_ms, _round(lat * 1e7), _round(lon * 1e7), _round((v.h + HOME_AMSL_M) * 1e3), _round(v.h * 1e3),
-        cm(v.vn * 100.0), cm(v.ve * 100.0), cm(-v.vu * 100.0), heading,
+        a.boot_ms, floor(lat * 1e7 + 0.5), floor(lon * 1e7 + 0.5), mm + HOME_AMSL_MM, mm,
+        _int16(v.vn * 100.0), _int16(v.ve * 100.0), _int16(-v.vu * 100.0), heading,
     )  # fmt: skip
 
 
@@ -299,7 +299,7 @@ def _thrust(thrust: float) -> float:
 
 
 def _int16(value: float) -> int:
-    return max(-32768, min(32767, _round(value)))
+    return floor(value + 0.5) if -32768.0 <= value < 32767.0 else -32768 if value < 0.0 else 32767
 
 
 def _round(value: float) -> int:
