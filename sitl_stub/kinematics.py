@@ -147,7 +147,8 @@ class Multirotor:
         """Fly body rates [rad/s] and thrust: nothing levels the vehicle."""
         p = min(max(roll_rate, -BODY_RATE_MAX), BODY_RATE_MAX)
         q = min(max(pitch_rate, -BODY_RATE_MAX), BODY_RATE_MAX)
-        self.roll_rate, self.pitch_rate, yaw_rate = angle_rates(self.roll, self.pitch, p, q, yaw_rate)
+        r = min(max(yaw_rate, -YAW_RATE_MAX), YAW_RATE_MAX)
+        self.roll_rate, self.pitch_rate, yaw_rate = angle_rates(self.roll, self.pitch, p, q, r)
         self.roll = wrap(self.roll + self.roll_rate * self.dt_s)
         self.pitch = wrap(self.pitch + self.pitch_rate * self.dt_s)
         self.thrust = thrust

@@ -122,8 +122,7 @@ class MultirotorPilot:
         elif isinstance(setpoint, RatesTarget):
             if math.isfinite(setpoint.roll_rate + setpoint.pitch_rate + setpoint.yaw_rate):
                 self._rates = (setpoint.roll_rate, setpoint.pitch_rate, setpoint.yaw_rate)
-            thrust = setpoint.thrust if math.isfinite(setpoint.thrust) else 0.0
-            v.step_rates(*self._rates, thrust, wind_n, wind_e)
+            v.step_rates(*self._rates, _motors(setpoint.thrust), wind_n, wind_e)
         elif setpoint is None or not self._valid:
             v.step_velocity(0.0, 0.0, 0.0, 0.0, wind_n, wind_e)
         else:
@@ -159,8 +158,7 @@ class MultirotorPilot:
 
     def _fly_attitude(self, s: AttitudeTarget, wind_n: float, wind_e: float) -> None:
         v = self.vehicle
-        thrust = s.thrust if math.isfinite(s.thrust) else 0.0  # NaN: the motors stop (PX4.md, 3.6)
-        thrust = min(max(thrust, 0.0), 1.0)
+        thrust = _motors(s.thrust)
         if not math.isfinite(s.roll):  # q is NaN: the last rate setpoint flies on
             v.step_rates(*self._rates, thrust, wind_n, wind_e)
             return
@@ -171,3 +169,8 @@ class MultirotorPilot:
         yaw_rate = v.yaw_rate_to(s.yaw - self.yaw_error_rad, feed_forward, float(self.params["MC_YAW_P"]))
         v.step_attitude(s.roll, s.pitch, yaw_rate, thrust, wind_n, wind_e)
         self._rates = body_rates(v.roll, v.pitch, v.roll_rate, v.pitch_rate, v.yaw_rate)
+
+
+def _motors(thrust: float) -> float:
+    """Return what motors make of a thrust setpoint: 0..1, and they stop for NaN (PX4.md, 3.6)."""
+    return min(max(thrust, 0.0), 1.0) if math.isfinite(thrust) else 0.0

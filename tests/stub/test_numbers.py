@@ -234,7 +234,7 @@ def test_parameters_set_on_the_wire_may_be_anything() -> None:
         stub = Stub(StubConfig(airframe=airframe, start_height_m=30.0))
         mav = mavlink.MAVLink(None, 255, 190)
         modes = [m for m in Mode if m is not Mode.TERMINATION]
-        for k in range(600):
+        for k in range(250):
             name = draw.choice(stub.autopilot.params.names)
             if isinstance(stub.autopilot.params[name], int):
                 raw = struct.unpack("<f", struct.pack("<i", draw.choice([-(2**31), -1, 0, 1, 5, 2**31 - 1])))[0]
@@ -257,6 +257,78 @@ def test_parameters_set_on_the_wire_may_be_anything() -> None:
             stub.take("gcs")
             truth = stub.truth()
             assert math.isfinite(truth.east_m + truth.north_m + truth.height_m + truth.roll_rad), (k, name)
+
+
+COMMANDS = (16, 17, 20, 21, 22, 92, 176, 178, 179, 185, 192, 300, 400, 410, 510, 511, 512, 519, 520, 9999)
+EXTREMES = (
+    NAN,
+    INF,
+    -INF,
+    -3.4e38,
+    3.4e38,
+    -1e10,
+    -1.0,
+    -1e-30,
+    0.0,
+    1e-30,
+    0.5,
+    1.0,
+    2.0,
+    3.0,
+    4.0,
+    6.0,
+    436.0,
+    1e6,
+    1e10,
+)
+
+
+@pytest.mark.parametrize("airframe", ["multirotor", "fixed_wing"])
+def test_commands_and_setpoints_may_be_anything(airframe: str) -> None:
+    """Any finite or other number in any field: answered, refused or flown, and the vehicle stays somewhere."""
+    trouble(airframe, flights=2)
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("airframe", ["multirotor", "fixed_wing"])
+def test_commands_and_setpoints_may_be_anything_at_length(airframe: str) -> None:
+    trouble(airframe, flights=max(4, round(120 * SHARE)))
+
+
+def trouble(airframe: str, flights: int) -> None:
+    """Fly with odd commands and setpoints between requests for OFFBOARD."""
+    draw = random.Random(f"{SEED}:commands")
+    mav = mavlink.MAVLink(None, 1, 191)
+
+    def some(count: int) -> list[float]:
+        return [draw.choice(EXTREMES) for _ in range(count)]
+
+    def message() -> Any:
+        kind = draw.randrange(5)
+        if kind == 0:
+            return mavlink.MAVLink_command_long_message(1, 1, draw.choice(COMMANDS), 0, *some(7))
+        if kind == 1:
+            whole = [draw.choice([-(2**31), -1, 0, 474000000, 2**31 - 1]) for _ in range(2)]
+            return mavlink.MAVLink_command_int_message(1, 1, 0, draw.choice(COMMANDS), 0, 0, *some(4), *whole, *some(1))
+        mask, frame = draw.randrange(4096), draw.choice([0, 1, 5, 6, 7, 8])
+        if kind == 2:
+            return mavlink.MAVLink_set_position_target_local_ned_message(0, 1, 1, frame, mask, *some(11))
+        if kind == 3:
+            whole = [draw.randrange(-(2**31), 2**31) for _ in range(2)]
+            return mavlink.MAVLink_set_position_target_global_int_message(0, 1, 1, frame, mask, *whole, *some(9))
+        return mavlink.MAVLink_set_attitude_target_message(0, 1, 1, mask & 0xFF, some(4), *some(4))
+
+    offboard = mavlink.MAVLink_command_long_message(1, 1, 176, 0, 1, 6, 0, 0, 0, 0, 0)
+    for flight in range(flights):
+        stub = Stub(StubConfig(airframe=airframe, start_height_m=30.0, seed=flight))
+        for k in range(300):
+            what = offboard if k % 3 == 0 else message()
+            stub.receive("offboard", what.pack(mav))
+            stub.advance(0.05 * (k + 1))
+            stub.take("offboard")
+            truth = stub.truth()
+            place = truth.east_m + truth.north_m + truth.height_m
+            assert math.isfinite(place + truth.speed_m_s + truth.roll_rad + truth.heading_rad), (flight, k, str(what))
 
 
 # -- the command line ----------------------------------------------------------------------------------------------
