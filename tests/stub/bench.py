@@ -63,8 +63,8 @@ def lockstep(step_s: float, seconds: float = 60.0) -> float:
     return taken / ticks * 1e6
 
 
-def sockets(seconds: float = 15.0) -> tuple[float, float]:
-    """Return (start to ready [s], CPU share of a core) of the process at speed 1 with every default stream."""
+def sockets(seconds: float = 15.0) -> tuple[float, float, float]:
+    """Return (start to ready [s], its CPU time [s], CPU share of a core afterwards), every default stream."""
     ports = ["--offboard-port", str(free_port()), "--offboard-listen", "0", "--gcs-port", str(free_port())]
     command = [sys.executable, "-m", "sitl_stub", "--airborne", "20", *ports, "--gcs-listen", "0"]
     began = time.monotonic()
@@ -76,7 +76,7 @@ def sockets(seconds: float = 15.0) -> tuple[float, float]:
         time.sleep(seconds)
         share = (cpu_s(process.pid) - before) / seconds
         process.terminate()
-    return ready_s, share
+    return ready_s, before, share
 
 
 def cpu_s(pid: int) -> float:
@@ -97,8 +97,11 @@ def main() -> None:
     print(f"  lockstep, all default streams: {max(r[0] for r in rows):.0f} x real time   (wanted: 100 or more)")
     print(f"  OFFBOARD at 50 Hz, step 0.02 s: {min(r[1] for r in rows):.0f} us per 20 ms")
     print(f"  OFFBOARD at 50 Hz, step 0.01 s: {min(r[2] for r in rows):.0f} us per 20 ms")
-    print(f"  over UDP at speed 1, default streams: {min(s for _, s in started):.1%} of a core   (wanted: 5 % or less)")
-    print(f"  start to ready: {min(ready for ready, _ in started):.2f} s   (wanted: less than 0.5 s)")
+    print(
+        f"  over UDP at speed 1, default streams: {min(s for _, _, s in started):.1%} of a core   (wanted: 5 % or less)"
+    )
+    ready_s, cpu = min(r for r, _, _ in started), min(c for _, c, _ in started)
+    print(f"  start to ready: {ready_s:.2f} s, {cpu:.2f} s of CPU   (wanted: less than 0.5 s)")
 
 
 if __name__ == "__main__":
