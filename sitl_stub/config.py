@@ -92,7 +92,7 @@ BOUNDS: dict[str, tuple[float, float]] = {
     "seed": (-(2**63), 2**63),
     "step_s": (0.001, 0.02),
     "system_id": (1, 255),
-    "ready_after_s": (0.0, 3600.0),
+    "ready_after_s": (0.0, 1e9),
     "start_east_m": (-_FAR_M, _FAR_M),
     "start_north_m": (-_FAR_M, _FAR_M),
     "start_heading_rad": (-100.0, 100.0),
