@@ -38,8 +38,9 @@ def _fault_help() -> str:
     lines = [f"  {'FROM-TO' if lasts else 'AT'} {kind} {usage}" for kind, (lasts, _, usage, _) in FAULTS.items()]
     width = max(map(len, lines)) + 2
     meant = [meaning for _, _, _, meaning in FAULTS.values()]
-    return "\nfaults, times in flight seconds:\n" + "\n".join(
-        f"{line:<{width}}{meaning}" for line, meaning in zip(lines, meant, strict=True)
+    return (
+        "\nfaults, times in flight seconds (TO may be inf); lines of one kind may overlap, each ends by itself:\n"
+        + "\n".join(f"{line:<{width}}{meaning}" for line, meaning in zip(lines, meant, strict=True))
     )
 
 

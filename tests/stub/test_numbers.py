@@ -421,6 +421,10 @@ def test_two_stops_of_the_range_end_with_the_later_one() -> None:
     assert [t for t in times if t > 5.0]
 
 
+def test_a_line_may_last_for_ever() -> None:
+    assert max(ranges_cm("2-inf range-stop")) <= 2.05
+
+
 def test_a_foreign_vehicle_stays_until_its_last_line_ends() -> None:
     rig = Rig(faults=("1-3 foreign 42", "2-6 foreign 42", "2-4 foreign 43"))
     rig.run(8.0)
