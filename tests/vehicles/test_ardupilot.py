@@ -34,7 +34,8 @@ class Rig:
         app = {**APPS[kind], **sections}
         if "orbit" in sections:
             app["orbit"] = {**APPS[kind].get("orbit", {}), **sections["orbit"]}
-        self.flight = Flight(config(**app))
+        self.config = config(**app)
+        self.flight = Flight(self.config)
         self.vehicle = vehicle or FakeArduPilot(kind, LOITER[kind], height_m=80.0)
         self.radius_m = self.flight.computer._settings.context.r_a
         self.ticks: list[TickRecord] = []
