@@ -166,6 +166,7 @@ class Safety(Section):
     height_lost_s: Positive = 3.0
     on_height_lost: Action = "hold"
     on_estimates_lost: Action = "land"
+    on_blind: Literal["hold", "stop", "return", "land"] = "hold"
     on_band_broken: Action = "hold"
 
 
@@ -256,6 +257,7 @@ def safety_limits(config: Config) -> tuple[SafetyLimits, dict[str, str]]:
         "diverged": config.on_range_lost,
         "band_broken": s.on_band_broken,
         "estimates_lost": s.on_estimates_lost,
+        "blind": s.on_blind,
         "height_lost": s.on_height_lost,
         "battery_low": s.on_battery_low,
         "time_used_up": s.on_used_up,

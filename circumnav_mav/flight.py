@@ -129,6 +129,8 @@ class Flight:
         self._map_next_s = nan
         self._newest_range_m = nan
         self._sent_rad_s = nan
+        self._blind = ""
+        """What no setpoint could be made without at the last tick."""
         self._invited = False
         self._latch_commands = 0
         self._phase = self.computer.phase
@@ -221,10 +223,12 @@ class Flight:
         decision = self.computer.tick(now_s, self._status(now_s))
         self._r_m = decision.estimate.r if decision.estimate else nan
         self._on_phase(now_s, decision)
-        self._sent_rad_s = nan
+        self._sent_rad_s, self._blind = nan, ""
         if decision.setpoint is not None and authority.may_stream(now_s):
             encoded = self._encoder.encode(decision.setpoint, link.autopilot.state(now_s), now_s)
-            if encoded is not None:
+            if encoded is None:
+                self._blind = self._encoder.misses
+            else:
                 self._frames.append(link.setpoint(*encoded, now_s))
                 self._sent_rad_s = decision.setpoint.turn_rate_rad_s
         self._invite(now_s)
@@ -262,7 +266,7 @@ class Flight:
 
     def _look_out(self, now_s: float) -> None:
         """Walk the table of causes that end a flight."""
-        news, restarted = self.lookout.look(now_s, self._r_m)
+        news, restarted = self.lookout.look(now_s, self._r_m, self._blind)
         if restarted:
             self._say(now_s, "the ranges outvoted the estimate, which starts again", INFO)
         for trip in news:

@@ -24,6 +24,7 @@ LEAST_INTERVAL_US = {COPTER: 2500.0, PLANE: 25000.0}
 EAS_TO_TAS, TURN_SHARE = 1.067, 0.745
 SETPOINT_HELD_S = 3.0
 STEP_S = 0.02
+FARTHEST_CM = 65000
 
 
 class FakeArduPilot:
@@ -230,9 +231,10 @@ class FakeArduPilot:
         if self.radio and self.now_s >= self._range_next_s:
             self._range_next_s = self.now_s + 0.1
             cm = round(100.0 * (self.range_m + self._random.gauss(0.0, 0.3)))
-            ms = round(self.now_s * 1e3)
-            message = mavlink.MAVLink_distance_sensor_message(ms, 10, 65000, cm, 0, 7, 0, 255)
-            self._out.append(message.pack(self._radio_mav))
+            if 10 <= cm <= FARTHEST_CM:
+                ms = round(self.now_s * 1e3)
+                message = mavlink.MAVLink_distance_sensor_message(ms, 10, FARTHEST_CM, cm, 0, 7, 0, 255)
+                self._out.append(message.pack(self._radio_mav))
 
 
 def attitude(a: FakeArduPilot) -> Any:
