@@ -119,8 +119,8 @@ def check(
 
 
 def _check_live(settings: Config, seconds: float) -> int:
-    from circumnav_mav.readiness import Severity
     from circumnav_mav.runtime.live_check import listen, table
+    from circumnav_mav.settings_check import Severity
 
     typer.echo(f"listening on {settings.vehicle.link} for {seconds:g} s")
     findings = listen(settings, seconds)
