@@ -63,6 +63,8 @@ class AutopilotLink:
         """Whether the autopilot signs and we have no key: it will not listen."""
         self._heartbeat_next_s = nan
         self._ask_mode_next_s = nan
+        self._asked_s: dict[int, float] = {}
+        """When each TIMESYNC of ours that has not been answered was sent, by what it carries."""
         self._set_up_for: tuple[int | None, int] = (None, 0)
         self.counts = self._splitter.counts
         self._theirs_alone = frozenset(self.autopilot.messages) - set(subscribed)
@@ -126,10 +128,10 @@ class AutopilotLink:
     def _on_timesync(self, fields: Any, now_s: float) -> None:
         if fields.tc1 == 0:
             self._timesync = fields.ts1
-        elif fields.ts1 == self._token:
-            self.authority.answered(now_s)
+        elif (asked_s := self._asked_s.get(fields.ts1)) is not None:
+            self._asked_s.clear()  # one answer will do: a later one, or the same again, would say less
+            self.authority.answered(now_s, asked_s)
 
-    _token: int = 0
     _timesync: int | None = None
     _reboots: int = 0
     _latch_asked_by: tuple[int, int] = (0, 0)
@@ -210,13 +212,15 @@ class AutopilotLink:
         """The app was away: believe nothing sent before now; return what finds out the mode soon."""
         self.authority.gap(now_s)
         self.authority.await_answer(now_s)
-        self._token = int(now_s * 1e9)
+        self._asked_s.clear()
         return self._ask_mode(now_s)
 
     def _ask_mode(self, now_s: float) -> list[bytes]:
         """Return a question whose answer dates what follows it, and a request for the message that shows the mode."""
         self._ask_mode_next_s = now_s + ASK_MODE_S
-        dated = self._packer.pack("TIMESYNC", tc1=0, ts1=self._token)
+        token = int(now_s * 1e9)
+        self._asked_s[token] = now_s
+        dated = self._packer.pack("TIMESYNC", tc1=0, ts1=token)
         request = (float(by_name("CURRENT_MODE" if self.words.tells_intention else "HEARTBEAT").msgid),)
         return [dated, self._command(Command(enums.MAV_CMD_REQUEST_MESSAGE, request + (0.0,) * 6, "mode"))]
 

@@ -110,9 +110,8 @@ class Authority:
         self._blind_since_s = -inf
         """Mode messages up to this time prove nothing."""
         self._sent_s = nan
-        self._asked_s = nan
         self._round_trip_s = 0.0
-        """As measured after the last gap."""
+        """As measured after the last gap; 0 once a setpoint has left since."""
         self._ready_s = nan
         self._was_elsewhere = False
         """Whether the mode message before the newest one showed another mode than ours."""
@@ -233,12 +232,13 @@ class Authority:
         way since before the gap, and show what is no longer so; after UNDER_WAY_S none is taken to be.
         """
         self._blind_since_s = now_s + UNDER_WAY_S
-        self._asked_s = now_s
 
-    def answered(self, now_s: float) -> None:
-        """The answer came: what follows it on the wire, be it in the same packet, is newer than the gap."""
+    def answered(self, now_s: float, asked_s: float) -> None:
+        """The answer came to what was asked at `asked_s`: what follows it on the wire, be it in the same packet, is
+        newer than the gap.
+        """
         self._blind_since_s = min(self._blind_since_s, nextafter(now_s, -inf))
-        self._round_trip_s = now_s - self._asked_s
+        self._round_trip_s = now_s - asked_s
 
     def _too_late(self, now_s: float) -> bool:
         """Whether a setpoint that left now could come after the autopilot took over, and take the aircraft back."""
@@ -252,6 +252,7 @@ class Authority:
     def sent(self, now_s: float) -> None:
         """A setpoint left at `now_s`."""
         self._sent_s = now_s
+        self._round_trip_s = 0.0
 
     def ask(self, now_s: float) -> None:
         """Ask for OFFBOARD (engage auto). Only from NOT_HELD; the verdict comes from the mode messages."""

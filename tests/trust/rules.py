@@ -100,10 +100,10 @@ def keep(
 
 
 def beyond_talk(messages: list[tuple[float, Any]], *, streams: bool = False) -> list[tuple[float, Any]]:
-    """Return what may not leave after a release: all but heartbeats, answers, texts, requests to be told the mode
-    (streams: and for any stream).
+    """Return what may not leave after a release: all but heartbeats, answers, texts, the circle on the map, requests to
+    be told the mode (streams: and for any stream).
     """
-    talk = ("HEARTBEAT", "TIMESYNC", "STATUSTEXT", "COMMAND_ACK")
+    talk = ("HEARTBEAT", "TIMESYNC", "STATUSTEXT", "COMMAND_ACK", "ORBIT_EXECUTION_STATUS")
 
     def asks_to_be_told(m: Any) -> bool:
         if m.get_type() != "COMMAND_LONG":
