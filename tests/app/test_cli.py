@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner
 
+import circumnav_mav
 from circumnav_mav import cli
 from circumnav_mav.report import summarise
 from circumnav_mav.runtime.app import Result
@@ -123,3 +126,9 @@ def test_the_readme_has_every_exit_code_and_outcome():
     assert f"{cli.EXIT_CRASH} " in codes
     for outcome in (Result.__doc__ or "").rsplit("outcome: ")[-1].rstrip(".").split(", "):
         assert f"`{outcome}`" in readme, outcome
+
+
+@pytest.mark.parametrize("module", ["circumnav_mav", "circumnav_mav.cli"])
+def test_it_runs_as_a_module_too(module):
+    done = subprocess.run([sys.executable, "-m", module, "--version"], cwd=ROOT, capture_output=True, text=True)
+    assert (done.returncode, done.stdout) == (0, f"circumnav_mav {circumnav_mav.__version__}\n"), done.stderr

@@ -249,15 +249,55 @@ def test_the_watchdog_leaves_a_ticking_loop_alone():
     assert not closed.is_set() and not dog.fired
 
 
+UNIT = ROOT / "configs" / "circumnav.service"
+PROGRAM = "/opt/circumnav/venv/bin/circumnav"
+
+
 @pytest.mark.skipif(shutil.which("systemd-analyze") is None, reason="systemd-analyze is not installed")
-def test_the_unit_file_is_one_that_systemd_takes():
-    unit = ROOT / "configs" / "circumnav.service"
-    done = subprocess.run(["systemd-analyze", "verify", str(unit)], capture_output=True, text=True, check=False)
+def test_the_unit_file_is_one_that_systemd_takes(tmp_path):
+    """With the program where the field guide installs it, but for its place; and without it: the test can fail."""
+    unit = tmp_path / UNIT.name
+    unit.write_text(UNIT.read_text().replace(PROGRAM, sys.executable))
+    done = verify(unit)
     assert done.returncode == 0, done.stderr
     assert "circumnav.service" not in done.stderr, done.stderr
+    unit.write_text(UNIT.read_text().replace(PROGRAM, "/nowhere/circumnav"))
+    assert "not executable" in verify(unit).stderr
 
 
-def test_the_unit_file_says_what_the_app_relies_on():
-    lines = (ROOT / "configs" / "circumnav.service").read_text().splitlines()
-    for line in ("Type=notify", "NotifyAccess=main", "WatchdogSec=2", "KillSignal=SIGINT", "Restart=on-failure"):
+def verify(unit: Path) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(["systemd-analyze", "verify", str(unit)], capture_output=True, text=True, check=False)
+
+
+def test_the_unit_file_says_what_the_app_relies_on_and_the_guide_installs_what_it_names():
+    lines = UNIT.read_text().splitlines()
+    guide = (ROOT / "docs" / "field_guide.md").read_text()
+    for line in (
+        "Type=notify",
+        "NotifyAccess=main",
+        "User=circumnav",
+        "SupplementaryGroups=dialout",
+        "WatchdogSec=2",
+        "KillSignal=SIGINT",
+        "Restart=on-failure",
+        "RestartPreventExitStatus=2",
+        f"ExecStart={PROGRAM} fly /etc/circumnav/config.yaml --wait 0",
+    ):
         assert line in lines
+    for word in (PROGRAM.removesuffix("/bin/circumnav"), "/etc/circumnav/config.yaml", "useradd", "dialout"):
+        assert word in guide
+
+
+def test_a_service_does_not_take_off_by_itself(tmp_path):
+    """A restart finds a landed vehicle and must not fly it again: as a service the app engages for a pilot only."""
+    file = tmp_path / "c.yaml"
+    file.write_text("engage: auto\norbit: {height_m: 20}\n")
+    done = subprocess.run(
+        [sys.executable, "-m", "circumnav_mav", "fly", str(file)],
+        env={**os.environ, "NOTIFY_SOCKET": "@nobody-listens-here", "PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 2
+    assert "engage: auto is not for a service" in done.stderr and len(done.stderr.splitlines()) == 1
