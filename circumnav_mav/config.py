@@ -71,6 +71,7 @@ class Vehicle(Section):
     kind: Annotated[str, _one_of("vehicle class", VEHICLES)] = Field("px4_multirotor", alias="class")
     link: Link = "udpin://0.0.0.0:14540"
     library: Literal["pymavlink", "mavsdk"] = "pymavlink"
+    system_id: Whole | None = Field(None, ge=1, le=255)
     signing_key_file: str | None = None
     lead_s: NotNegative | None = Field(None, le=2.0)
     pitch_deg: Finite | None = Field(None, ge=-30.0, le=30.0)

@@ -109,7 +109,9 @@ class Flight:
         vehicle = config.vehicle_class
         self._vehicle, self.words = vehicle, vehicle.words
         subscribed = () if self.ranges.own_link else self.ranges.messages
-        self.link = AutopilotLink(subscribed, vehicle.messages_hz, vehicle.words, signer)
+        self.link = AutopilotLink(
+            subscribed, vehicle.messages_hz, vehicle.words, signer, system_id=config.vehicle.system_id
+        )
         self.computer = GuidanceComputer(guidance_settings(config))
         self.lookout = Lookout(config, self.link.autopilot, self.computer)
         self._encoder = vehicle.encoder(config.encoder_options())
@@ -141,7 +143,7 @@ class Flight:
         self.was_stopped = False
         """Whether the process was stopped since the last tick began."""
         self._frames: list[bytes] = []
-        self._signing_told = False
+        self._signing_told = self._strangers_told = False
         self._clock_told = False
         self._r_m = nan
         self._end_action = "hold"
@@ -340,6 +342,12 @@ class Flight:
             if now_s - self._unfit_since_s > UNFIT_TOLD_AFTER_S and self.unfit.text != self._unfit_told:
                 self._unfit_told = self.unfit.text
                 self._say(now_s, self.unfit.text, WARNING)
+        if ap.only is None and ap.strangers and not self._strangers_told:
+            self._strangers_told = True
+            others = ", ".join(f"system {n}" for n in sorted(ap.strangers))
+            self._say(
+                now_s, f"{others} is another autopilot; system {ap.sysid} is flown: set vehicle.system_id", WARNING
+            )
         left_to_pilot = self._auto is None or self._auto.step is Step.LEFT_TO_PILOT
         if self.computer.phase is Phase.READY and left_to_pilot:
             self.link.authority.ready(now_s)

@@ -40,7 +40,7 @@ class Audit:
         self.ranges = RangeFeed(config.ranging)
         words = replace(vehicle.words, parameters=asked(vehicle.name))
         subscribed = () if self.ranges.own_link else self.ranges.messages
-        self.link = AutopilotLink(subscribed, vehicle.messages_hz, words, signer)
+        self.link = AutopilotLink(subscribed, vehicle.messages_hz, words, signer, system_id=config.vehicle.system_id)
         self._fitness = Fitness(vehicle, VEHICLES.values())
         self._counts: Counter[int] = Counter()
         self._sticks = False
@@ -90,6 +90,10 @@ class Audit:
     def _nobody(self) -> Finding:
         counts, link = self.link.counts, self._config.vehicle.link
         fix = f"check vehicle.link ({link}), the cable, and that MAV_x_CONFIG of that port is set"
+        if others := sorted(self.link.autopilot.strangers):
+            wanted = f"not vehicle.system_id = {self._config.vehicle.system_id}"
+            text = f"{', '.join(f'system {n}' for n in others)} is heard, but {wanted}"
+            return Finding(Severity.ERROR, "autopilot", text, "set vehicle.system_id to the vehicle to fly, or null")
         if counts.understood:
             return Finding(
                 Severity.ERROR,
@@ -112,7 +116,10 @@ class Audit:
         if self.link.signs_at_us:
             yield Finding(Severity.ERROR, "signing", "the autopilot signs its messages", "set vehicle.signing_key_file")
         for stranger in sorted(ap.strangers):
-            fix = "give every vehicle a link of its own, or filter in the router"
+            fix = f"set vehicle.system_id to {ap.sysid} (or {stranger}), so that it does not matter who speaks first"
+            if self._config.vehicle.system_id is not None:
+                yield Finding(Severity.OK, "ids", f"system {stranger} is another autopilot; {ap.sysid} is flown")
+                continue
             yield Finding(Severity.WARNING, "ids", f"system {stranger} is another autopilot; {ap.sysid} is flown", fix)
         rival = authority.rival_words(now_s)
         if rival:

@@ -1,7 +1,7 @@
 """The app's end of a MAVLink link to an autopilot, SANS-IO: bytes in, messages out; what to send, when it is due.
 
-Identity: the vehicle's system id (1 until it is heard), component 191, MAV_TYPE_ONBOARD_CONTROLLER, so that nobody
-takes the app for a ground station.
+Identity: the vehicle's system id (1 until it is configured or heard), component 191, MAV_TYPE_ONBOARD_CONTROLLER, so
+that nobody takes the app for a ground station.
 """
 
 from __future__ import annotations
@@ -44,8 +44,10 @@ class AutopilotLink:
         wanted_hz: Mapping[str, float] = WANTED_HZ,
         words: ModeWords = px4_modes.WORDS,
         signer: Signer | None = None,
+        *,
+        system_id: int | None = None,
     ) -> None:
-        self.autopilot = Autopilot()
+        self.autopilot = Autopilot(system_id)
         self.words = words
         self.authority = Authority(self.autopilot, words)
         self.commands = CommandQueue()
@@ -57,7 +59,7 @@ class AutopilotLink:
         read = {*self.autopilot.messages, *OWN_MESSAGES, *subscribed}
         self._splitter = Splitter(read)
         self._decoder = Decoder(read)
-        self._packer = Packer(1, COMPANION_COMPONENT, signer)
+        self._packer = Packer(system_id or 1, COMPANION_COMPONENT, signer)
         self.signer = signer
         self.signs_at_us = False
         """Whether the autopilot signs and we have no key: it will not listen."""
@@ -138,7 +140,7 @@ class AutopilotLink:
 
     def _watch_rivals(self, message: Message, now_s: float) -> None:
         """Our own frames never come back to us: what speaks as we do, or flies what we fly, is somebody else."""
-        vehicle = self.autopilot.sysid or 1
+        vehicle = self._packer.sysid
         who = f"system {message.sysid} component {message.compid}"
         if message.name in SETPOINTS:
             if message.fields.target_system in (0, vehicle) and self.autopilot.sysid is not None:
