@@ -37,7 +37,7 @@ def findings(config: Config) -> list[Finding]:
 
 def suits(config: Config) -> Iterator[Finding]:
     """Yield which estimator suits the vehicle, where another one is chosen."""
-    in_air = config.vehicle_class.speed == "air"
+    in_air = config.vehicle_class.speed in ("air", "believed")
     if in_air and config.estimator.name != "drift":
         text = (
             f"{config.vehicle.kind} drifts with the wind, which {config.estimator.name} does not know: estimator drift "

@@ -19,6 +19,7 @@ from circumnav_mav.guidance.kernel import Motion
 from circumnav_mav.guidance.phases import ENGAGED, Phase
 from circumnav_mav.guidance.target import Target, latitude_longitude, locate
 from circumnav_mav.lookout import Lookout
+from circumnav_mav.mavlink.autopilot import VehicleState
 from circumnav_mav.mavlink.codec import Frame
 from circumnav_mav.mavlink.dialect import enums
 from circumnav_mav.mavlink.engage import AutoEngage, Step
@@ -26,6 +27,7 @@ from circumnav_mav.mavlink.link import AutopilotLink
 from circumnav_mav.mavlink.offboard import Control
 from circumnav_mav.mavlink.signing import Signer
 from circumnav_mav.mavlink.vehicles import VEHICLES
+from circumnav_mav.mavlink.vehicles.believed import BelievedSpeed
 from circumnav_mav.mavlink.vehicles.fitness import Fitness, Unfit
 from circumnav_mav.range_feed import RangeFeed
 from circumnav_mav.types import RangeSample, Rejected
@@ -115,6 +117,8 @@ class Flight:
         self.computer = GuidanceComputer(guidance_settings(config))
         self.lookout = Lookout(config, self.link.autopilot, self.computer)
         self._encoder = vehicle.encoder(config.encoder_options())
+        options = config.encoder_options()
+        self._believed = BelievedSpeed(options.speed_m_s, options.pitch_rad) if vehicle.speed == "believed" else None
         self._fitness = Fitness(vehicle, VEHICLES.values())
         self.unfit: Unfit | None = None
         """Why the autopilot that is heard cannot be flown by this vehicle class."""
@@ -215,6 +219,8 @@ class Flight:
     def tick(self, now_s: float, lateness_s: float = 0.0, missed_ticks: int = 0) -> tuple[list[bytes], TickRecord]:
         """Decide and return (frames to send now, the record of this tick)."""
         link, authority = self.link, self.link.authority
+        if self._believed is not None:
+            self._believed.advance(now_s, link.autopilot.state(now_s))
         self._look_out(now_s)
         self._ticked_s = now_s
         self._follow_operator(now_s)
@@ -227,7 +233,7 @@ class Flight:
         self._on_phase(now_s, decision)
         self._sent_rad_s, self._blind = nan, ""
         if decision.setpoint is not None and authority.may_stream(now_s):
-            encoded = self._encoder.encode(decision.setpoint, link.autopilot.state(now_s), now_s)
+            encoded = self._encoder.encode(decision.setpoint, self._state(now_s), now_s)
             if encoded is None:
                 self._blind = self._encoder.misses
             else:
@@ -441,12 +447,19 @@ class Flight:
         turn_rate = ap.turn_rate_rad_s(now_s)
         if turn_rate != turn_rate:  # NaN: not measured, so what was asked
             turn_rate = self._sent_rad_s
-        speed = nan  # believed: as configured
-        if self._vehicle.speed == "ground":
+        heading = ap.heading_rad(now_s)
+        if self._believed is not None:
+            speed, heading = self._believed.speed_m_s, heading - self._believed.slip_rad
+        elif self._vehicle.speed == "ground":
             speed = ap.ground_speed_m_s(now_s)
-        elif self._vehicle.speed == "air":
+        else:
             speed = ap.true_airspeed_m_s(now_s)
-        return Motion(V=speed, u=turn_rate, psi=ap.heading_rad(now_s))
+        return Motion(V=speed, u=turn_rate, psi=heading)
+
+    def _state(self, now_s: float) -> VehicleState:
+        """What the encoder may know: with an airspeed that is believed where none is measured."""
+        state = self.link.autopilot.state(now_s)
+        return state if self._believed is None else state._replace(airspeed_m_s=self._believed.speed_m_s)
 
     def _height_m(self, now_s: float) -> float:
         return self.link.autopilot.height_above_home_m(now_s)
@@ -470,7 +483,7 @@ class Flight:
             self._sent_rad_s,
             ap.turn_rate_rad_s(now_s),
             ap.speed_m_s,
-            decision.speed_source,
+            decision.speed_source if self._believed is None else "believed",
             self._height_m(now_s),
             *self.target,
             int(decision.limits.saturated),

@@ -69,7 +69,8 @@ class Attitude:
         self._last_s = now_s
         flying = sp.speed_m_s > 0.0
         yaw_rate = yaw_rate_rad_s(sp.turn_rate_rad_s)
-        roll = within(atan(self._speed_m_s * yaw_rate / G_M_S2), -self._bank_rad, self._bank_rad) if flying else 0.0
+        speed = self._speed_m_s if isnan(state.airspeed_m_s) else min(self._speed_m_s, state.airspeed_m_s)
+        roll = within(atan(speed * yaw_rate / G_M_S2), -self._bank_rad, self._bank_rad) if flying else 0.0
         pitch = self._pitch_rad if flying else 0.0
         if not flying and state.in_air and abs(state.climb_m_s) < LEVEL_CLIMB_M_S:
             self._hover.learn(state.throttle * cos(state.roll_rad) * cos(state.pitch_rad), dt)
