@@ -44,6 +44,11 @@ def suits(config: Config) -> Iterator[Finding]:
             "with law tangent suits it"
         )
         yield Finding("warning", "estimator", text)
+        if config.orbit.r_min_m is not None or config.orbit.r_max_m is not None:
+            text = (
+                "orbit.r_min_m and r_max_m hold in wind below a tenth of the speed only: estimator drift counts it in"
+            )
+            yield Finding("warning", "estimator", text)
 
 
 def idle_keys(config: Config) -> Iterator[str]:

@@ -132,3 +132,17 @@ def test_the_readme_has_every_exit_code_and_outcome():
 def test_it_runs_as_a_module_too(module):
     done = subprocess.run([sys.executable, "-m", module, "--version"], cwd=ROOT, capture_output=True, text=True)
     assert (done.returncode, done.stdout) == (0, f"circumnav_mav {circumnav_mav.__version__}\n"), done.stderr
+
+
+@pytest.mark.parametrize(("estimator", "warned"), [("direct", True), ("drift", False)])
+def test_check_warns_of_a_band_that_the_wind_breaks(tmp_path, estimator, warned):
+    law = "tangent" if estimator == "drift" else "hashemi2013"
+    text = f"""
+vehicle: {{class: px4_fixed_wing}}
+orbit: {{radius_m: 100, speed_m_s: 12, r_min_m: 60}}
+law: {{name: {law}}}
+estimator: {{name: {estimator}}}
+limits: {{turn_accel_rad_s2: 0.5}}
+"""
+    done = run("check", written(tmp_path, text))
+    assert ("hold in wind below a tenth" in done.stdout) == warned
