@@ -114,6 +114,7 @@ class Flight:
         self.link = AutopilotLink(
             subscribed, vehicle.messages_hz, vehicle.words, signer, system_id=config.vehicle.system_id
         )
+        self.link.authority.needs_air = vehicle.airframe != "rover"
         self.computer = GuidanceComputer(guidance_settings(config))
         self.lookout = Lookout(config, self.link.autopilot, self.computer)
         self._encoder = vehicle.encoder(config.encoder_options())
@@ -364,7 +365,7 @@ class Flight:
         by_itself = self._auto is not None and self._auto.step is not Step.LEFT_TO_PILOT
         if self._invited or by_itself or self.computer.phase is not Phase.READY:
             return
-        if streams or not self.words.stream_first:
+        if streams or not (self.words.stream_first or self.link.authority.grounded):
             self._invited = True
             self._say(now_s, f"ready: {'streaming, ' if streams else ''}select {self.words.ours_name} to engage", INFO)
 
