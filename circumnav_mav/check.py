@@ -37,13 +37,18 @@ def findings(config: Config) -> list[Finding]:
 
 def suits(config: Config) -> Iterator[Finding]:
     """Yield which estimator suits the vehicle, where another one is chosen."""
-    in_air = config.vehicle_class.speed == "air"
+    in_air = config.vehicle_class.speed in ("air", "believed")
     if in_air and config.estimator.name != "drift":
         text = (
             f"{config.vehicle.kind} drifts with the wind, which {config.estimator.name} does not know: estimator drift "
             "with law tangent suits it"
         )
         yield Finding("warning", "estimator", text)
+        if config.orbit.r_min_m is not None or config.orbit.r_max_m is not None:
+            text = (
+                "orbit.r_min_m and r_max_m hold in wind below a tenth of the speed only: estimator drift counts it in"
+            )
+            yield Finding("warning", "estimator", text)
 
 
 def idle_keys(config: Config) -> Iterator[str]:

@@ -7,6 +7,7 @@ only; 70 a fault of the app itself.
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 from math import inf
@@ -21,6 +22,7 @@ from circumnav_mav.runtime.app import Options
 from circumnav_mav.runtime.clock import Clock
 from circumnav_mav.runtime.demo import demo_config, run_demo
 from circumnav_mav.runtime.session import Crash, Outcome, fly
+from circumnav_mav.runtime.systemd import as_a_service
 from circumnav_mav.runtime.transport import LinkError
 from circumnav_mav.runtime.view import open_view
 
@@ -86,6 +88,9 @@ def fly_command(
 ) -> None:
     """Fly a real autopilot (or a simulator) with a configuration."""
     settings = load(config)
+    if settings.engage == "auto" and as_a_service(os.environ):
+        _complain(f"{config}: engage: auto is not for a service, which would take off again after a restart: pilot")
+        raise typer.Exit(EXIT_USAGE)
     _try_to_write(json)
     options = Options(duration_s=inf if duration is None else duration, wait_s=wait or inf)
     title = f"circumnav fly  {config.name}  {settings.vehicle.link}"
@@ -119,8 +124,8 @@ def check(
 
 
 def _check_live(settings: Config, seconds: float) -> int:
-    from circumnav_mav.readiness import Severity
     from circumnav_mav.runtime.live_check import listen, table
+    from circumnav_mav.settings_check import Severity
 
     typer.echo(f"listening on {settings.vehicle.link} for {seconds:g} s")
     findings = listen(settings, seconds)
@@ -220,3 +225,7 @@ def main() -> None:
     except Crash as error:
         _complain(str(error))
         sys.exit(EXIT_CRASH)
+
+
+if __name__ == "__main__":
+    main()

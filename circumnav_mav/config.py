@@ -71,6 +71,7 @@ class Vehicle(Section):
     kind: Annotated[str, _one_of("vehicle class", VEHICLES)] = Field("px4_multirotor", alias="class")
     link: Link = "udpin://0.0.0.0:14540"
     library: Literal["pymavlink", "mavsdk"] = "pymavlink"
+    system_id: Whole | None = Field(None, ge=1, le=255)
     signing_key_file: str | None = None
     lead_s: NotNegative | None = Field(None, le=2.0)
     pitch_deg: Finite | None = Field(None, ge=-30.0, le=30.0)
@@ -166,6 +167,7 @@ class Safety(Section):
     height_lost_s: Positive = 3.0
     on_height_lost: Action = "hold"
     on_estimates_lost: Action = "land"
+    on_blind: Literal["hold", "stop", "return", "land"] = "hold"
     on_band_broken: Action = "hold"
 
 
@@ -256,6 +258,7 @@ def safety_limits(config: Config) -> tuple[SafetyLimits, dict[str, str]]:
         "diverged": config.on_range_lost,
         "band_broken": s.on_band_broken,
         "estimates_lost": s.on_estimates_lost,
+        "blind": s.on_blind,
         "height_lost": s.on_height_lost,
         "battery_low": s.on_battery_low,
         "time_used_up": s.on_used_up,

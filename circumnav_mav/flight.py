@@ -19,6 +19,7 @@ from circumnav_mav.guidance.kernel import Motion
 from circumnav_mav.guidance.phases import ENGAGED, Phase
 from circumnav_mav.guidance.target import Target, latitude_longitude, locate
 from circumnav_mav.lookout import Lookout
+from circumnav_mav.mavlink.autopilot import VehicleState
 from circumnav_mav.mavlink.codec import Frame
 from circumnav_mav.mavlink.dialect import enums
 from circumnav_mav.mavlink.engage import AutoEngage, Step
@@ -26,6 +27,7 @@ from circumnav_mav.mavlink.link import AutopilotLink
 from circumnav_mav.mavlink.offboard import Control
 from circumnav_mav.mavlink.signing import Signer
 from circumnav_mav.mavlink.vehicles import VEHICLES
+from circumnav_mav.mavlink.vehicles.believed import BelievedSpeed
 from circumnav_mav.mavlink.vehicles.fitness import Fitness, Unfit
 from circumnav_mav.range_feed import RangeFeed
 from circumnav_mav.types import RangeSample, Rejected
@@ -109,10 +111,15 @@ class Flight:
         vehicle = config.vehicle_class
         self._vehicle, self.words = vehicle, vehicle.words
         subscribed = () if self.ranges.own_link else self.ranges.messages
-        self.link = AutopilotLink(subscribed, vehicle.messages_hz, vehicle.words, signer)
+        self.link = AutopilotLink(
+            subscribed, vehicle.messages_hz, vehicle.words, signer, system_id=config.vehicle.system_id
+        )
+        self.link.authority.needs_air = vehicle.airframe != "rover"
         self.computer = GuidanceComputer(guidance_settings(config))
         self.lookout = Lookout(config, self.link.autopilot, self.computer)
         self._encoder = vehicle.encoder(config.encoder_options())
+        options = config.encoder_options()
+        self._believed = BelievedSpeed(options.speed_m_s, options.pitch_rad) if vehicle.speed == "believed" else None
         self._fitness = Fitness(vehicle, VEHICLES.values())
         self.unfit: Unfit | None = None
         """Why the autopilot that is heard cannot be flown by this vehicle class."""
@@ -129,6 +136,8 @@ class Flight:
         self._map_next_s = nan
         self._newest_range_m = nan
         self._sent_rad_s = nan
+        self._blind = ""
+        """What no setpoint could be made without at the last tick."""
         self._invited = False
         self._latch_commands = 0
         self._phase = self.computer.phase
@@ -139,7 +148,7 @@ class Flight:
         self.was_stopped = False
         """Whether the process was stopped since the last tick began."""
         self._frames: list[bytes] = []
-        self._signing_told = self._noise_told = False
+        self._signing_told = self._noise_told = self._strangers_told = False
         self._clock_told = False
         self._r_m = nan
         self._end_action = "hold"
@@ -211,6 +220,8 @@ class Flight:
     def tick(self, now_s: float, lateness_s: float = 0.0, missed_ticks: int = 0) -> tuple[list[bytes], TickRecord]:
         """Decide and return (frames to send now, the record of this tick)."""
         link, authority = self.link, self.link.authority
+        if self._believed is not None:
+            self._believed.advance(now_s, link.autopilot.state(now_s))
         self._look_out(now_s)
         self._ticked_s = now_s
         self._follow_operator(now_s)
@@ -221,10 +232,12 @@ class Flight:
         decision = self.computer.tick(now_s, self._status(now_s))
         self._r_m = decision.estimate.r if decision.estimate else nan
         self._on_phase(now_s, decision)
-        self._sent_rad_s = nan
+        self._sent_rad_s, self._blind = nan, ""
         if decision.setpoint is not None and authority.may_stream(now_s):
-            encoded = self._encoder.encode(decision.setpoint, link.autopilot.state(now_s), now_s)
-            if encoded is not None:
+            encoded = self._encoder.encode(decision.setpoint, self._state(now_s), now_s)
+            if encoded is None:
+                self._blind = self._encoder.misses
+            else:
                 self._frames.append(link.setpoint(*encoded, now_s))
                 self._sent_rad_s = decision.setpoint.turn_rate_rad_s
         self._invite(now_s)
@@ -263,7 +276,7 @@ class Flight:
 
     def _look_out(self, now_s: float) -> None:
         """Walk the table of causes that end a flight."""
-        news, restarted = self.lookout.look(now_s, self._r_m)
+        news, restarted = self.lookout.look(now_s, self._r_m, self._blind)
         if restarted:
             self._say(now_s, "the ranges outvoted the estimate, which starts again", INFO)
         for trip in news:
@@ -337,6 +350,12 @@ class Flight:
             if now_s - self._unfit_since_s > UNFIT_TOLD_AFTER_S and self.unfit.text != self._unfit_told:
                 self._unfit_told = self.unfit.text
                 self._say(now_s, self.unfit.text, WARNING)
+        if ap.only is None and ap.strangers and not self._strangers_told:
+            self._strangers_told = True
+            others = ", ".join(f"system {n}" for n in sorted(ap.strangers))
+            self._say(
+                now_s, f"{others} is another autopilot; system {ap.sysid} is flown: set vehicle.system_id", WARNING
+            )
         left_to_pilot = self._auto is None or self._auto.step is Step.LEFT_TO_PILOT
         if self.computer.phase is Phase.READY and left_to_pilot:
             self.link.authority.ready(now_s)
@@ -347,7 +366,7 @@ class Flight:
         by_itself = self._auto is not None and self._auto.step is not Step.LEFT_TO_PILOT
         if self._invited or by_itself or self.computer.phase is not Phase.READY:
             return
-        if streams or not self.words.stream_first:
+        if streams or not (self.words.stream_first or self.link.authority.grounded):
             self._invited = True
             self._say(now_s, f"ready: {'streaming, ' if streams else ''}select {self.words.ours_name} to engage", INFO)
 
@@ -437,12 +456,19 @@ class Flight:
         turn_rate = ap.turn_rate_rad_s(now_s)
         if turn_rate != turn_rate:  # NaN: not measured, so what was asked
             turn_rate = self._sent_rad_s
-        speed = nan  # believed: as configured
-        if self._vehicle.speed == "ground":
+        heading = ap.heading_rad(now_s)
+        if self._believed is not None:
+            speed, heading = self._believed.speed_m_s, heading - self._believed.slip_rad
+        elif self._vehicle.speed == "ground":
             speed = ap.ground_speed_m_s(now_s)
-        elif self._vehicle.speed == "air":
+        else:
             speed = ap.true_airspeed_m_s(now_s)
-        return Motion(V=speed, u=turn_rate, psi=ap.heading_rad(now_s))
+        return Motion(V=speed, u=turn_rate, psi=heading)
+
+    def _state(self, now_s: float) -> VehicleState:
+        """What the encoder may know: with an airspeed that is believed where none is measured."""
+        state = self.link.autopilot.state(now_s)
+        return state if self._believed is None else state._replace(airspeed_m_s=self._believed.speed_m_s)
 
     def _height_m(self, now_s: float) -> float:
         return self.link.autopilot.height_above_home_m(now_s)
@@ -466,7 +492,7 @@ class Flight:
             self._sent_rad_s,
             ap.turn_rate_rad_s(now_s),
             ap.speed_m_s,
-            decision.speed_source,
+            decision.speed_source if self._believed is None else "believed",
             self._height_m(now_s),
             *self.target,
             int(decision.limits.saturated),

@@ -28,8 +28,11 @@ class Lookout:
         self._restarts_s: deque[float] = deque(maxlen=32)
         self.trip: Trip | None = None
 
-    def look(self, now_s: float, r_m: float) -> tuple[list[Trip], bool]:
-        """Return (causes that began to hold now, whether the estimator has just started again). r_m: estimated."""
+    def look(self, now_s: float, r_m: float, blind: str) -> tuple[list[Trip], bool]:
+        """Return (causes that began to hold now, whether the estimator has just started again).
+
+        r_m: estimated range; blind: what the encoder could make no setpoint without at the last tick.
+        """
         restarted = self._follow(now_s)
         ap, engaged = self._autopilot, self._computer.phase in ENGAGED
         # A silent link is another cause: so heights are as old as they were when the autopilot last spoke.
@@ -39,6 +42,7 @@ class Lookout:
             battery_pct=ap.battery_pct,
             battery_alarm=ap.battery_alarm,
             height_age_s=ap.mode_s - height_s if engaged and height_s > -inf else nan,
+            blind=blind if engaged else "",
             estimates_missing=engaged and not all(ap.estimates(what) for what in self._estimates),
             restarts_a_minute=len(self._restarts_s),
             engaged_s=now_s - self._engaged_s,

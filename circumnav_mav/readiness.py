@@ -8,9 +8,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import replace
-from enum import IntEnum
 from math import isnan
-from typing import NamedTuple
 
 from circumnav_mav.config import Config
 from circumnav_mav.mavlink.autopilot import AUTOPILOT_COMPONENT
@@ -21,9 +19,10 @@ from circumnav_mav.mavlink.signing import Signer
 from circumnav_mav.mavlink.vehicles import VEHICLES
 from circumnav_mav.mavlink.vehicles.fitness import Fitness, described
 from circumnav_mav.range_feed import RangeFeed
+from circumnav_mav.settings_check import Finding, Severity, facts, judged
+from circumnav_mav.settings_table import TABLES, asked
 from circumnav_mav.types import RangeSample
 
-PX4_PARAMETERS = ("COM_OF_LOSS_T", "COM_OBL_RC_ACT", "COM_RC_OVERRIDE", "COM_RCL_EXCEPT", "NAV_RCL_ACT")
 RC_RECEIVER, PREARM_CHECK = enums.MAV_SYS_STATUS_SENSOR_RC_RECEIVER, enums.MAV_SYS_STATUS_PREARM_CHECK
 STICKS = frozenset({by_name("RC_CHANNELS").msgid, by_name("MANUAL_CONTROL").msgid})
 SLOW_SHARE = 0.5
@@ -33,37 +32,6 @@ SETTLE_S = 3.0
 LEAST_RANGE_HZ = 2.0
 
 
-class Severity(IntEnum):
-    """How bad a finding is."""
-
-    OK = 0
-    WARNING = 1
-    ERROR = 2
-
-
-class Finding(NamedTuple):
-    """One row of the table. fix: empty where nothing is to be done."""
-
-    severity: Severity
-    what: str
-    text: str
-    fix: str = ""
-
-
-# COM_OBL_RC_ACT -> (severity without RC, severity with RC, what PX4 does; measured on v1.16)
-LOSS_ACTIONS: dict[int, tuple[Severity, Severity, str]] = {
-    0: (Severity.ERROR, Severity.WARNING, "Position mode: without sticks it SINKS to the ground, 0.5 to 1 m/s"),
-    1: (Severity.ERROR, Severity.WARNING, "Altitude mode: without sticks it sinks at 0.7 m/s and drifts"),
-    2: (Severity.ERROR, Severity.WARNING, "Stabilized mode: without sticks it sinks at 0.4 m/s and drifts"),
-    3: (Severity.OK, Severity.OK, "Return: climbs to RTL_RETURN_ALT, then flies home"),
-    4: (Severity.OK, Severity.OK, "Land where it is"),
-    5: (Severity.OK, Severity.OK, "Hold"),
-    6: (Severity.ERROR, Severity.ERROR, "TERMINATION: motors off, it falls"),
-    7: (Severity.ERROR, Severity.ERROR, "DISARM in the air: it falls"),
-}
-SAFE_LOSS = "set COM_OBL_RC_ACT to 5 (Hold), 3 (Return) or 4 (Land)"
-
-
 class Audit:
     """Feed it what arrives, send what `tick` returns, and ask for the findings at the end."""
 
@@ -71,10 +39,9 @@ class Audit:
         self._config = config
         self._vehicle = vehicle = config.vehicle_class
         self.ranges = RangeFeed(config.ranging)
-        px4 = vehicle.autopilot == enums.MAV_AUTOPILOT_PX4
-        words = replace(vehicle.words, parameters=PX4_PARAMETERS if px4 else vehicle.words.parameters)
+        words = replace(vehicle.words, parameters=asked(vehicle.name))
         subscribed = () if self.ranges.own_link else self.ranges.messages
-        self.link = AutopilotLink(subscribed, vehicle.messages_hz, words, signer)
+        self.link = AutopilotLink(subscribed, vehicle.messages_hz, words, signer, system_id=config.vehicle.system_id)
         self._fitness = Fitness(vehicle, VEHICLES.values())
         self._counts: Counter[int] = Counter()
         self._sticks = False
@@ -115,7 +82,7 @@ class Audit:
                 *self._vehicle_rows(now_s),
                 *self._streams(now_s),
                 *self._range(now_s),
-                *self._loss(),
+                *self._settings(),
                 *self._pilot(),
                 *self._battery(),
             ]
@@ -126,6 +93,10 @@ class Audit:
     def _nobody(self) -> Finding:
         counts, link = self.link.counts, self._config.vehicle.link
         fix = f"check vehicle.link ({link}), the cable, and that MAV_x_CONFIG of that port is set"
+        if others := sorted(self.link.autopilot.strangers):
+            wanted = f"not vehicle.system_id = {self._config.vehicle.system_id}"
+            text = f"{', '.join(f'system {n}' for n in others)} is heard, but {wanted}"
+            return Finding(Severity.ERROR, "autopilot", text, "set vehicle.system_id to the vehicle to fly, or null")
         if counts.understood:
             return Finding(
                 Severity.ERROR,
@@ -148,7 +119,10 @@ class Audit:
         if self.link.signs_at_us:
             yield Finding(Severity.ERROR, "signing", "the autopilot signs its messages", "set vehicle.signing_key_file")
         for stranger in sorted(ap.strangers):
-            fix = "give every vehicle a link of its own, or filter in the router"
+            fix = f"set vehicle.system_id to {ap.sysid} (or {stranger}), so that it does not matter who speaks first"
+            if self._config.vehicle.system_id is not None:
+                yield Finding(Severity.OK, "ids", f"system {stranger} is another autopilot; {ap.sysid} is flown")
+                continue
             yield Finding(Severity.WARNING, "ids", f"system {stranger} is another autopilot; {ap.sysid} is flown", fix)
         rival = authority.rival_words(now_s)
         if rival:
@@ -169,9 +143,13 @@ class Audit:
 
     def _streams(self, now_s: float) -> Iterator[Finding]:
         watched_s = now_s - self._since_s
+        told: set[str] = set()
         for group in self._vehicle.needs:
             rates = {n: self._counts[by_name(n).msgid] / watched_s for n in group}
             name = max(rates, key=lambda n: rates[n])
+            if name in told:  # it serves two needs
+                continue
+            told.add(name)
             wanted_hz = self._vehicle.messages_hz.get(name, 1.0)
             slow = rates[name] < SLOW_SHARE * wanted_hz
             yield Finding(
@@ -210,25 +188,17 @@ class Audit:
                 "start the ranging radio; check ranging.source",
             )
 
-    def _loss(self) -> Iterator[Finding]:
-        """What the autopilot does if this app dies."""
-        words, parameters = self.link.words, self.link.parameters
-        for name in words.parameters:
-            if name not in parameters:
-                yield Finding(Severity.WARNING, name, "the autopilot did not say", "listen longer: --seconds 30")
-        loss_s = parameters.get(words.loss_parameter)
-        if loss_s is not None:
-            fine = 0.3 <= loss_s <= 2.0
-            text = f"the autopilot acts {loss_s:g} s after the last setpoint, and flies on with that one until then"
-            fix = "" if fine else f"set {words.loss_parameter} to 1"
-            yield Finding(Severity.OK if fine else Severity.WARNING, words.loss_parameter, text, fix)
-        action = parameters.get("COM_OBL_RC_ACT")
-        if action is not None:
-            without, with_rc, does = LOSS_ACTIONS.get(int(action), (Severity.WARNING, Severity.WARNING, "not known"))
-            severity = with_rc if self._has_rc else without
-            yield Finding(
-                severity, "COM_OBL_RC_ACT", f"{action:g}, if this app dies: {does}", SAFE_LOSS if severity else ""
+    def _settings(self) -> Iterator[Finding]:
+        """What the autopilot's parameters say: if this app dies, if the RC is lost, and what it clips."""
+        parameters = self.link.parameters
+        known = facts(self._config, has_rc=self._has_rc, sysid=self.link.autopilot.sysid or 1, parameters=parameters)
+        yield from judged(TABLES[self._vehicle.name], known)
+        if not self.link.words.loss_parameter:
+            text = (
+                f"it holds the last bank for {self.link.words.loss_timeout_s:g} s, then flies straight on the heading "
+                "of the engagement and stays in Guided: nothing brings it home by itself"
             )
+            yield Finding(Severity.OK, "if this app dies", text)
 
     @property
     def _has_rc(self) -> bool:
@@ -237,28 +207,12 @@ class Audit:
         return receiver or self._sticks
 
     def _pilot(self) -> Iterator[Finding]:
-        """How a pilot takes over, and what a lost RC does."""
-        parameters = self.link.parameters
+        """Whether somebody has sticks."""
         if self._has_rc:
             yield Finding(Severity.OK, "RC", "a receiver or joystick is heard")
         else:
             fix = "without sticks, only the ground station's mode switch takes the aircraft back"
             yield Finding(Severity.WARNING, "RC", "no receiver, no joystick", fix)
-        override = parameters.get("COM_RC_OVERRIDE")
-        if override is not None:
-            ends = bool(int(override) & 2)
-            text = (
-                "moved sticks end Offboard" if ends else "moved sticks do NOT end Offboard, only the mode switch does"
-            )
-            fix = "" if ends else f"set COM_RC_OVERRIDE to {int(override) | 2}"
-            yield Finding(Severity.OK if ends else Severity.WARNING, "COM_RC_OVERRIDE", f"{override:g}: {text}", fix)
-        excepted = parameters.get("COM_RCL_EXCEPT")
-        if excepted is not None:
-            flies_on = bool(int(excepted) & 4)
-            text = "a lost RC does nothing in Offboard" if flies_on else "a lost RC ends Offboard (NAV_RCL_ACT)"
-            silent = flies_on and self._has_rc
-            fix = "out of RC range nobody can take over by stick: clear bit 2 (4), or mean it" if silent else ""
-            yield Finding(Severity.WARNING if silent else Severity.OK, "COM_RCL_EXCEPT", f"{excepted:g}: {text}", fix)
 
     def _battery(self) -> Iterator[Finding]:
         ap, least = self.link.autopilot, self._config.safety.battery_pct

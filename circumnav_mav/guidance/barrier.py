@@ -11,12 +11,16 @@ above r_min, the turn is blended in over one margin, and at one margin it is all
 barrier costs an orbit nothing. The far side is the same with the hardest turn towards the target, where the farthest
 point of that circle counts. What the argument leaves out is paid for like this: a turn that builds up late, by looking
 `reaction_s` ahead with the turn rate flown now, and by SWING; a turn that is not quite as hard as asked, by RESERVE;
-noise, by three sigma. A drifting circle (a fixed wing in wind) is not covered beyond the margin.
+noise, by three sigma.
+
+In wind (or beside a moving target) the circle drifts, by a turn's worth of wind in every turn. Where the estimator
+knows the drift, the hardest turn is walked along with it, until the range opens (closes), and the nearest (farthest)
+point of that walk counts in the place of h. Without it the band holds in wind below a tenth of the speed only.
 """
 
 from __future__ import annotations
 
-from math import atan2, cos, hypot, inf, isfinite, sin
+from math import atan2, cos, hypot, inf, isfinite, pi, sin
 from typing import NamedTuple
 
 from circumnav_mav.guidance.kernel import Estimate
@@ -44,6 +48,42 @@ def margin_m(sigma_m: float, speed_m_s: float, reaction_s: float) -> float:
     return 3.0 * sigma_m + SWING * speed_m_s * reaction_s
 
 
+STEPS = 24
+"""Points in which a turn that drifts is walked along: 1 % of its radius between them."""
+
+
+class Drift(NamedTuple):
+    """Of the vehicle past the target, m/s, in the axes of the heading."""
+
+    ahead: float = 0.0
+    left: float = 0.0
+
+
+def drift_of(est: Estimate, turned: float = 0.0) -> Drift:
+    """Return the drift after a change of heading; none where the estimator does not know it."""
+    if not isfinite(est.wx + est.wy + est.psi):
+        return Drift()
+    c, s = cos(est.psi + turned), sin(est.psi + turned)
+    return Drift(c * est.wx + s * est.wy, c * est.wy - s * est.wx)
+
+
+def walk(r: float, theta: float, rho: float, turn: float, time_s: float, drift: Drift, sign: float) -> float:
+    """Return the nearest (sign +1) or farthest (-1) point of the hardest turn in a drift, m.
+
+    It ends where the range turns over. time_s: of a full turn. Other arguments as for `nearest`.
+    """
+    best = r
+    for i in range(1, STEPS + 1):
+        angle, time = 2.0 * pi * i / STEPS, time_s * i / STEPS
+        x = r * cos(theta) - rho * sin(angle) - drift.ahead * time
+        y = -r * sin(theta) - turn * rho * (1.0 - cos(angle)) - drift.left * time
+        now = hypot(x, y)
+        if sign * (now - best) >= 0.0:
+            break
+        best = now
+    return best
+
+
 def nearest(r: float, theta: float, rho: float, turn: float) -> float:
     """Return how near the hardest turn comes to the target, m. turn: +1 left, -1 right.
 
@@ -62,26 +102,37 @@ def within(u: float, est: Estimate, band: Band) -> float:
     if not (isfinite(est.theta) and est.V > 0.0) or (band.r_min == -inf and band.r_max == inf):
         return u
     r, theta = ahead(est, band.reaction_s)
-    rho = est.V / (RESERVE * band.u_max)
+    rho, drift = est.V / (RESERVE * band.u_max), drift_of(est, est.u * band.reaction_s)
+    still = drift == Drift()
+    time_s = 2.0 * pi / (RESERVE * band.u_max)
+
+    def near(turn: float) -> float:
+        return nearest(r, theta, rho, turn) if still else walk(r, theta, rho, turn, time_s, drift, 1.0)
+
+    def far(turn: float) -> float:
+        return farthest(r, theta, rho, turn) if still else walk(r, theta, rho, turn, time_s, drift, -1.0)
+
     # Away from the target, to the side that stays further off; head on, to the side where the orbit lies.
-    left, right = nearest(r, theta, rho, +1.0), nearest(r, theta, rho, -1.0)
+    left, right = near(+1.0), near(-1.0)
     away = band.side if abs(left - right) < band.margin else (1.0 if left > right else -1.0)
-    near = left if away > 0.0 else right
-    u = _blend(u, away * band.u_max, (band.r_min + 2.0 * band.margin - near) / band.margin)
-    left, right = farthest(r, theta, rho, +1.0), farthest(r, theta, rho, -1.0)
+    least = left if away > 0.0 else right
+    u = _blend(u, away * band.u_max, (band.r_min + 2.0 * band.margin - least) / band.margin)
+    left, right = far(+1.0), far(-1.0)
     back = -band.side if abs(left - right) < band.margin else (1.0 if left < right else -1.0)
-    far = left if back > 0.0 else right
-    return _blend(u, back * band.u_max, (far + 2.0 * band.margin - band.r_max) / band.margin)
+    most = left if back > 0.0 else right
+    return _blend(u, back * band.u_max, (most + 2.0 * band.margin - band.r_max) / band.margin)
 
 
 def ahead(est: Estimate, time_s: float) -> tuple[float, float]:
-    """Return (r, theta) after flying on for a while at the speed and turn rate of now: an exact arc."""
+    """Return (r, theta) after flying on for a while at the speed, turn rate and drift of now: an exact arc."""
     turned = est.u * time_s
     if abs(turned) > 1e-6:
         forward, left = est.V / est.u * sin(turned), est.V / est.u * (1.0 - cos(turned))
     else:
         forward, left = est.V * time_s, 0.0
-    x, y = est.r * cos(est.theta) - forward, -est.r * sin(est.theta) - left
+    drift = drift_of(est)
+    x = est.r * cos(est.theta) - forward - drift.ahead * time_s
+    y = -est.r * sin(est.theta) - left - drift.left * time_s
     return hypot(x, y), turned - atan2(y, x)
 
 

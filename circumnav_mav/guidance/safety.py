@@ -30,6 +30,7 @@ class Facts(NamedTuple):
     battery_pct: float = nan
     battery_alarm: bool = False  # the autopilot itself calls it low
     height_age_s: float = nan  # while engaged
+    blind: str = ""  # what no setpoint can be made without, while engaged
     estimates_missing: bool = False  # the autopilot's estimator lost what the vehicle class needs
     restarts_a_minute: int = 0  # of our own estimator, while engaged
     engaged_s: float = nan
@@ -68,6 +69,7 @@ TABLE: tuple[Row, ...] = (
         False,
         "the autopilot's estimator has lost attitude or velocity",
     ),
+    Row("blind", lambda f, s: bool(f.blind), 0.2, False, "{f.blind}: no setpoint can be made"),
     Row(
         "height_lost",
         lambda f, s: f.height_age_s > s.height_lost_s,

@@ -30,7 +30,7 @@ COPTER = ModeWords(
     tells_intention=False,
     loss_timeout_s=3.0,
     loss_parameter="GUID_TIMEOUT",
-    parameters=("GUID_TIMEOUT", "GUID_OPTIONS", "FS_OPTIONS"),
+    parameters=("GUID_TIMEOUT",),
 )  # fmt: skip
 
 PLANE = ModeWords(
@@ -49,5 +49,5 @@ PLANE = ModeWords(
     tells_intention=False,
     loss_timeout_s=3.0,  # fixed in ArduPlane
     loss_parameter="",
-    parameters=("STICK_MIXING", "TKOFF_ALT"),
+    parameters=("TKOFF_ALT",),
 )  # fmt: skip

@@ -1,7 +1,8 @@
 """The autopilot as its messages show it: mode, motion, height. Nobody else is believed.
 
-The autopilot is the sender with component id 1 whose HEARTBEAT names an autopilot; everything is filtered on its system
-id from then on, so that a ground station's forwarded heartbeat (custom_mode 0) never makes the mode flicker.
+The autopilot is the sender with component id 1 whose HEARTBEAT names an autopilot: the first one, or the one with the
+system id that is configured. Everything is filtered on its system id from then on, so that a ground station's forwarded
+heartbeat (custom_mode 0) never makes the mode flicker.
 """
 
 from __future__ import annotations
@@ -54,10 +55,14 @@ class VehicleState(NamedTuple):
 
 
 class Autopilot:
-    """Newest known state. Every value carries the time at which it was heard; NaN and None mean never."""
+    """Newest known state. Every value carries the time at which it was heard; NaN and None mean never.
 
-    def __init__(self) -> None:
+    only: the system id of the one to believe; None = the first that is heard.
+    """
+
+    def __init__(self, only: int | None = None) -> None:
         self.sysid: int | None = None
+        self.only = only
         self.kind = 0  # MAV_AUTOPILOT
         self.vehicle_type = 0  # MAV_TYPE
         self.heartbeat_s = nan
@@ -146,8 +151,9 @@ class Autopilot:
     def _found(self, message: Message) -> bool:
         if message.name != "HEARTBEAT" or message.fields.autopilot == enums.MAV_AUTOPILOT_INVALID:
             return False
-        if self.sysid is None:
+        if self.sysid is None and self.only in (None, message.sysid):
             self.sysid = message.sysid
+            self.strangers.discard(message.sysid)
             return True
         self.strangers.add(message.sysid)
         return False

@@ -146,7 +146,8 @@ class AutoEngage:
                 self._take_off()
         elif failure is not None:
             if now_s >= self._arm_by_s:
-                self._fail(str(failure))
+                said = self._link.autopilot_texts[-1:]  # ArduPilot tells why; PX4 tells ground stations only
+                self._fail(f"{failure}: {said[0]}" if said else str(failure))
             elif not now_s < self._arm_next_s:
                 self._arm_next_s = now_s + ARM_AGAIN_S
                 self._arm(now_s)

@@ -1,7 +1,7 @@
 """The app's end of a MAVLink link to an autopilot, SANS-IO: bytes in, messages out; what to send, when it is due.
 
-Identity: the vehicle's system id (1 until it is heard), component 191, MAV_TYPE_ONBOARD_CONTROLLER, so that nobody
-takes the app for a ground station.
+Identity: the vehicle's system id (1 until it is configured or heard), component 191, MAV_TYPE_ONBOARD_CONTROLLER, so
+that nobody takes the app for a ground station.
 """
 
 from __future__ import annotations
@@ -44,8 +44,10 @@ class AutopilotLink:
         wanted_hz: Mapping[str, float] = WANTED_HZ,
         words: ModeWords = px4_modes.WORDS,
         signer: Signer | None = None,
+        *,
+        system_id: int | None = None,
     ) -> None:
-        self.autopilot = Autopilot()
+        self.autopilot = Autopilot(system_id)
         self.words = words
         self.authority = Authority(self.autopilot, words)
         self.commands = CommandQueue()
@@ -57,12 +59,14 @@ class AutopilotLink:
         read = {*self.autopilot.messages, *OWN_MESSAGES, *subscribed}
         self._splitter = Splitter(read)
         self._decoder = Decoder(read)
-        self._packer = Packer(1, COMPANION_COMPONENT, signer)
+        self._packer = Packer(system_id or 1, COMPANION_COMPONENT, signer)
         self.signer = signer
         self.signs_at_us = False
         """Whether the autopilot signs and we have no key: it will not listen."""
         self._heartbeat_next_s = nan
         self._ask_mode_next_s = nan
+        self._asked_s: dict[int, float] = {}
+        """When each TIMESYNC of ours that has not been answered was sent, by what it carries."""
         self._set_up_for: tuple[int | None, int] = (None, 0)
         self.counts = self._splitter.counts
         self._theirs_alone = frozenset(self.autopilot.messages) - set(subscribed)
@@ -131,17 +135,17 @@ class AutopilotLink:
     def _on_timesync(self, fields: Any, now_s: float) -> None:
         if fields.tc1 == 0:
             self._timesync = fields.ts1
-        elif fields.ts1 == self._token:
-            self.authority.answered(now_s)
+        elif (asked_s := self._asked_s.get(fields.ts1)) is not None:
+            self._asked_s.clear()  # one answer will do: a later one, or the same again, would say less
+            self.authority.answered(now_s, asked_s)
 
-    _token: int = 0
     _timesync: int | None = None
     _reboots: int = 0
     _latch_asked_by: tuple[int, int] = (0, 0)
 
     def _watch_rivals(self, message: Message, now_s: float) -> None:
         """Our own frames never come back to us: what speaks as we do, or flies what we fly, is somebody else."""
-        vehicle = self.autopilot.sysid or 1
+        vehicle = self._packer.sysid
         who = f"system {message.sysid} component {message.compid}"
         if message.name in SETPOINTS:
             if message.fields.target_system in (0, vehicle) and self.autopilot.sysid is not None:
@@ -215,13 +219,15 @@ class AutopilotLink:
         """The app was away: believe nothing sent before now; return what finds out the mode soon."""
         self.authority.gap(now_s)
         self.authority.await_answer(now_s)
-        self._token = int(now_s * 1e9)
+        self._asked_s.clear()
         return self._ask_mode(now_s)
 
     def _ask_mode(self, now_s: float) -> list[bytes]:
         """Return a question whose answer dates what follows it, and a request for the message that shows the mode."""
         self._ask_mode_next_s = now_s + ASK_MODE_S
-        dated = self._packer.pack("TIMESYNC", tc1=0, ts1=self._token)
+        token = int(now_s * 1e9)
+        self._asked_s[token] = now_s
+        dated = self._packer.pack("TIMESYNC", tc1=0, ts1=token)
         request = (float(by_name("CURRENT_MODE" if self.words.tells_intention else "HEARTBEAT").msgid),)
         return [dated, self._command(Command(enums.MAV_CMD_REQUEST_MESSAGE, request + (0.0,) * 6, "mode"))]
 

@@ -39,7 +39,7 @@ class ModeWords:
     loss_parameter: str
     """The parameter that holds loss_timeout_s; empty where it is fixed."""
     parameters: tuple[str, ...]
-    """What the app reads of the autopilot's settings."""
+    """What a flight reads of the autopilot's settings; `check --live` reads more (settings_check.py)."""
 
     def name(self, custom_mode: int) -> str:
         """Return what people call the mode."""

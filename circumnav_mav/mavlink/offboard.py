@@ -3,7 +3,7 @@
 What PX4 does, measured: an ACK of a mode request says nothing (two come, only the second is the verdict), the mode in
 HEARTBEAT or CURRENT_MODE does; OFFBOARD comes back BY ITSELF when a stream resumes after a failsafe, because the
 intention stays OFFBOARD. So nothing is streamed unless the newest mode message shows that OFFBOARD is held by this app,
-or a mode that streaming cannot change.
+or a mode that streaming cannot change, and that in the air: PX4 then refuses OFFBOARD on the ground.
 
 OFFBOARD stands for the mode in which the app flies: GUIDED on ArduPilot. Which one, and how a pilot's choice of it is
 known to be meant for this app, is in the autopilot's ModeWords.
@@ -103,6 +103,8 @@ class Authority:
         self.control = Control.NOT_HELD
         self.reason = "waiting for the autopilot's mode"
         self.loss_timeout_s = words.loss_timeout_s
+        self.needs_air = True
+        """Whether a pilot can engage in the air only: all but a rover."""
         self.refused = False
         """Whether OFFBOARD was asked for `ASKS` times in vain."""
         self._rival = ""
@@ -110,9 +112,8 @@ class Authority:
         self._blind_since_s = -inf
         """Mode messages up to this time prove nothing."""
         self._sent_s = nan
-        self._asked_s = nan
         self._round_trip_s = 0.0
-        """As measured after the last gap."""
+        """As measured after the last gap; 0 once a setpoint has left since."""
         self._ready_s = nan
         self._was_elsewhere = False
         """Whether the mode message before the newest one showed another mode than ours."""
@@ -147,8 +148,14 @@ class Authority:
             return not self._too_late(now_s)
         if self._has_rival(now_s):
             return False
-        early = self.control is Control.NOT_HELD and seen is Seen.SETTLED and self._words.stream_first
-        return early or self.control is Control.ASKED
+        if self.control is Control.NOT_HELD:
+            return seen is Seen.SETTLED and self._words.stream_first and not self.grounded
+        return self.control is Control.ASKED
+
+    @property
+    def grounded(self) -> bool:
+        """Whether it stands on the ground: who selects our mode there would have it dragged over the grass."""
+        return self.needs_air and self._autopilot.in_air is False
 
     def why_not(self, now_s: float) -> str:
         """Return in words why no setpoint may leave now; empty where one may."""
@@ -165,7 +172,7 @@ class Authority:
             Seen.NOTHING: "waiting for a mode message newer than the gap",
             Seen.OFFBOARD: f"{ours} was active before this app was ready: choose another mode, then {ours} again",
             Seen.OFFBOARD_DISARMED: f"{ours} is selected on the ground: choose another mode first",
-            Seen.SETTLED: "",
+            Seen.SETTLED: "the vehicle is on the ground: take off first" if self.grounded else "",
             Seen.FAILSAFE: "failsafe: a stream would take the aircraft by itself; choose a mode first",
             Seen.UNCLEAR: "the autopilot does not send CURRENT_MODE, so streaming early is not safe",
         }.get(seen := self.seen(), str(seen))
@@ -233,12 +240,13 @@ class Authority:
         way since before the gap, and show what is no longer so; after UNDER_WAY_S none is taken to be.
         """
         self._blind_since_s = now_s + UNDER_WAY_S
-        self._asked_s = now_s
 
-    def answered(self, now_s: float) -> None:
-        """The answer came: what follows it on the wire, be it in the same packet, is newer than the gap."""
+    def answered(self, now_s: float, asked_s: float) -> None:
+        """The answer came to what was asked at `asked_s`: what follows it on the wire, be it in the same packet, is
+        newer than the gap.
+        """
         self._blind_since_s = min(self._blind_since_s, nextafter(now_s, -inf))
-        self._round_trip_s = now_s - self._asked_s
+        self._round_trip_s = now_s - asked_s
 
     def _too_late(self, now_s: float) -> bool:
         """Whether a setpoint that left now could come after the autopilot took over, and take the aircraft back."""
@@ -247,11 +255,13 @@ class Authority:
 
     def ready(self, now_s: float) -> None:
         """A pilot may engage at `now_s`: the beacon is heard, and nothing else flies. Called every tick while so."""
-        self._ready_s = now_s
+        if not self.grounded:
+            self._ready_s = now_s
 
     def sent(self, now_s: float) -> None:
         """A setpoint left at `now_s`."""
         self._sent_s = now_s
+        self._round_trip_s = 0.0
 
     def ask(self, now_s: float) -> None:
         """Ask for OFFBOARD (engage auto). Only from NOT_HELD; the verdict comes from the mode messages."""

@@ -47,6 +47,6 @@ WORDS = ModeWords(
     tells_intention=True,
     loss_timeout_s=1.0,
     loss_parameter="COM_OF_LOSS_T",
-    parameters=("COM_OF_LOSS_T", "COM_OBL_RC_ACT"),
+    parameters=("COM_OF_LOSS_T",),
 )
 name = WORDS.name

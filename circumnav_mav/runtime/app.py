@@ -303,6 +303,9 @@ def no_autopilot(link: str, flight: Flight) -> str:
     counts, signer = flight.link.counts, flight.link.signer
     if signer is not None and signer.refused and not signer.accepted:
         return f"no frame on {link} is believed: {signer.complaint()}"
+    if others := flight.link.autopilot.strangers:
+        heard = ", ".join(f"system {n}" for n in sorted(others))
+        return f"{heard} on {link}, but not vehicle.system_id = {flight.link.autopilot.only}: set it to the one to fly"
     if counts.understood and not counts.noise:
         frames = f"{counts.understood} MAVLink frames on {link}"
         return f"{frames}, but no autopilot's heartbeat (component 1): check the routing"

@@ -30,7 +30,7 @@ def open_link(endpoint: Endpoint, *, default_baud: int = USUAL_BAUD, steps: Step
 def open_vehicle_link(vehicle: Vehicle) -> Transport:
     """Open the link to the autopilot, through the library that the configuration names. Raises LinkError, in words."""
     endpoint = parse(vehicle.link)
-    return MavsdkLink(endpoint) if vehicle.library == "mavsdk" else open_link(endpoint)
+    return MavsdkLink(endpoint, vehicle.system_id) if vehicle.library == "mavsdk" else open_link(endpoint)
 
 
 def open_ranging_link(endpoint: Endpoint, feed: RangeFeed) -> Transport:

@@ -8,11 +8,12 @@ from collections.abc import Iterator
 from functools import partial
 
 from circumnav_mav.config import Config
-from circumnav_mav.readiness import Audit, Finding, Severity
+from circumnav_mav.readiness import Audit
 from circumnav_mav.runtime.clock import Clock, new_event_loop, run_on_grid
 from circumnav_mav.runtime.keyfile import open_signer
 from circumnav_mav.runtime.links import open_ranging_link, open_vehicle_link
 from circumnav_mav.runtime.transport import Transport
+from circumnav_mav.settings_check import Finding, Severity
 
 RATE_HZ = 20.0
 MARK = {Severity.OK: "ok", Severity.WARNING: "warning", Severity.ERROR: "ERROR"}

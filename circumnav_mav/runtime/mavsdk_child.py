@@ -1,6 +1,9 @@
 """The process that MAVSDK lives in: frames from the app become MAVSDK calls, messages from the vehicle become frames.
 
-    python -m circumnav_mav.runtime.mavsdk_child URL FD
+    python -m circumnav_mav.runtime.mavsdk_child URL FD SYSTEM_ID
+
+SYSTEM_ID: the vehicle to fly, 0 for the first one heard. MAVSDK's own system id is the vehicle's, as the app's is: it
+must be given before a connection is made, so a vehicle with another one than 1 costs a second start.
 
 The 100 ms rule: once a setpoint has been given, the next must come within SILENCE_S; else MAVSDK is destroyed on the
 spot (never `offboard.stop()`, which asks for a mode) and made anew, without a setpoint. A closed FD does the same for
@@ -31,9 +34,9 @@ from circumnav_mav.mavlink.dialect import by_name
 
 SILENCE_S = 0.1
 LOOK_S = 0.01
-FIND_S = 3600.0
+FIND_S = 0.1
 FRAME = 4096
-US = (1, 191)
+COMPONENT = 191
 EXIT_LINK = 3
 SETPOINT = "SET_POSITION_TARGET_LOCAL_NED"
 SENT = frozenset(
@@ -45,8 +48,10 @@ SENT = frozenset(
 class Child:
     """One MAVSDK after another, for as long as the app is there."""
 
-    def __init__(self, url: str, pair: socket.socket) -> None:
+    def __init__(self, url: str, pair: socket.socket, system_id: int) -> None:
         self._url, self._pair = url, pair
+        self._wanted = system_id
+        self._sysid = system_id or 1
         self._splitter, self._decoder = Splitter(SENT), Decoder(SENT)
         self._packers: dict[tuple[int, int], Packer] = {}
         self._waiting: list[Message] = []
@@ -86,20 +91,15 @@ class Child:
 
     async def _session(self) -> None:
         config = Configuration.create_with_component_type(ComponentType.COMPANION_COMPUTER)
-        config.system_id, config.component_id = US
+        config.system_id, config.component_id = self._sysid, COMPONENT
         sdk = Mavsdk(config)
         self._given = False
-        finding: asyncio.Task[Any] | None = None
         try:
             await sdk.add_any_connection(self._url)
-            finding = asyncio.create_task(sdk.first_autopilot(timeout_s=FIND_S))
-            while not finding.done() and not self.gone:
-                await asyncio.wait([finding], timeout=0.1)
-            if not finding.done():
-                return
-            system = finding.result()
-            if system is None:
-                return
+            found = await self._find(sdk)
+            if found is None or found[0] != config.system_id:
+                return  # nobody, or one whose id ours must be first
+            system = found[1]
             direct, offboard = MavlinkDirect(system._system), OffboardAsync(system)
             handle = direct.subscribe_message("", self._from_vehicle)
             self._setpoint = None  # one from before is older than the vehicle
@@ -107,9 +107,18 @@ class Child:
             direct.unsubscribe_message(handle)
             direct.destroy()
         finally:
-            if finding is not None:
-                finding.cancel()
             sdk.destroy()
+
+    async def _find(self, sdk: Any) -> tuple[int, Any] | None:
+        """Return (system id, system) of the vehicle to fly as soon as it is heard, and be of that id from now on."""
+        while not self.gone:
+            for system in await sdk.get_systems():
+                sysid = await system.get_system_id()
+                if await system.has_autopilot() and self._wanted in (0, sysid):
+                    self._sysid = sysid
+                    return sysid, system
+            await asyncio.sleep(FIND_S)
+        return None
 
     async def _serve(self, direct: Any, offboard: Any) -> None:
         while not self.gone:
@@ -178,7 +187,7 @@ def main() -> None:
     pair = socket.socket(fileno=int(sys.argv[2]))
     pair.setblocking(False)
     try:
-        asyncio.run(Child(sys.argv[1], pair).run())
+        asyncio.run(Child(sys.argv[1], pair, int(sys.argv[3])).run())
     except MavsdkConnectionError as error:
         print(f"circumnav: {sys.argv[1]}: MAVSDK does not open it: {error}", file=sys.stderr)
         sys.exit(EXIT_LINK)

@@ -29,7 +29,7 @@ class MavsdkLink:
 
     whole = True
 
-    def __init__(self, endpoint: Endpoint) -> None:
+    def __init__(self, endpoint: Endpoint, system_id: int | None = None) -> None:
         self.endpoint = endpoint
         _look(endpoint)
         self._port = _free_port() if endpoint.kind == "udpin" and endpoint.port == 0 else endpoint.port
@@ -37,6 +37,7 @@ class MavsdkLink:
         self._socket, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self._socket.setblocking(False)
         command = [sys.executable, "-m", "circumnav_mav.runtime.mavsdk_child", url, str(theirs.fileno())]
+        command.append(str(system_id or 0))
         try:
             # A session of its own: Ctrl-C is for the app, which ends politely and then closes the pair.
             self._child = subprocess.Popen(

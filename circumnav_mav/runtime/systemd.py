@@ -9,6 +9,11 @@ from contextlib import suppress
 from math import inf
 
 
+def as_a_service(environment: Mapping[str, str]) -> bool:
+    """Return whether systemd started this process and waits for its word. environment: os.environ."""
+    return bool(environment.get("NOTIFY_SOCKET"))
+
+
 class Notifier:
     """Never blocks and never raises: systemd must not matter to a flight. environment: os.environ."""
 

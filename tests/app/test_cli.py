@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner
 
+import circumnav_mav
 from circumnav_mav import cli
 from circumnav_mav.report import summarise
 from circumnav_mav.runtime.app import Result
@@ -123,3 +126,23 @@ def test_the_readme_has_every_exit_code_and_outcome():
     assert f"{cli.EXIT_CRASH} " in codes
     for outcome in (Result.__doc__ or "").rsplit("outcome: ")[-1].rstrip(".").split(", "):
         assert f"`{outcome}`" in readme, outcome
+
+
+@pytest.mark.parametrize("module", ["circumnav_mav", "circumnav_mav.cli"])
+def test_it_runs_as_a_module_too(module):
+    done = subprocess.run([sys.executable, "-m", module, "--version"], cwd=ROOT, capture_output=True, text=True)
+    assert (done.returncode, done.stdout) == (0, f"circumnav_mav {circumnav_mav.__version__}\n"), done.stderr
+
+
+@pytest.mark.parametrize(("estimator", "warned"), [("direct", True), ("drift", False)])
+def test_check_warns_of_a_band_that_the_wind_breaks(tmp_path, estimator, warned):
+    law = "tangent" if estimator == "drift" else "hashemi2013"
+    text = f"""
+vehicle: {{class: px4_fixed_wing}}
+orbit: {{radius_m: 100, speed_m_s: 12, r_min_m: 60}}
+law: {{name: {law}}}
+estimator: {{name: {estimator}}}
+limits: {{turn_accel_rad_s2: 0.5}}
+"""
+    done = run("check", written(tmp_path, text))
+    assert ("hold in wind below a tenth" in done.stdout) == warned

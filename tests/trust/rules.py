@@ -7,7 +7,10 @@ from typing import Any
 
 from pymavlink.dialects.v20 import all as mavlink
 
+from circumnav_mav.config import Config
+from circumnav_mav.flight import TickRecord
 from tests.lockstep import ENGAGED_NAMES, Rig
+from tests.trust.setpoint_rules import JUDGES
 
 OFFBOARD, HOLD, RETURN, LAND, POSITION = 0x00060000, 0x03040000, 0x05040000, 0x06040000, 0x00030000
 SET_MODE = mavlink.MAV_CMD_DO_SET_MODE
@@ -26,8 +29,13 @@ def engage(rig: Rig, tries: int = 8) -> Rig:
 
 def mode_requests(rig: Rig, from_s: float = 0.0) -> list[tuple[float, int]]:
     """Return (time, custom_mode) of every mode that the app asked for, by whatever message can ask for one."""
+    return requests(rig.decoded(from_s))
+
+
+def requests(sent: list[tuple[float, Any]]) -> list[tuple[float, int]]:
+    """The same, of decoded messages; a command that changes the mode on its way counts as one."""
     found = []
-    for t, m in rig.decoded(from_s):
+    for t, m in sent:
         if m.get_type() in ("COMMAND_LONG", "COMMAND_INT") and m.command == SET_MODE:
             found.append((t, int(m.param2) << 16 | int(m.param3) << 24))
         elif m.get_type() == "SET_MODE":
@@ -49,38 +57,62 @@ def texts(rig: Rig, from_s: float = 0.0) -> list[str]:
     return whole
 
 
-def keep_the_rules(rig: Rig) -> None:
-    """Finite, within limits, at the right vehicle, in the right form, none from a stale range or after release."""
-    limits, orbit, ranging = rig.config.limits, rig.config.orbit, rig.config.ranging
-    for t, m in rig.setpoints():
-        values = (m.vx, m.vy, m.vz, m.yaw_rate)
-        assert all(math.isfinite(v) for v in values), (t, m)
-        assert abs(m.yaw_rate) <= limits.turn_rate_rad_s + 1e-6, (t, m)
-        assert math.hypot(m.vx, m.vy) <= orbit.speed_m_s + 1e-4, (t, m)
-        assert (m.target_system, m.target_component) == (rig.stub.config.system_id, 1), (t, m)
-        assert (m.coordinate_frame, m.type_mask) == (8, 1479), (t, m)
+def keep_the_rules(rig: Rig, *, restarted: bool = False) -> None:
+    """Hold a flight of the stub to the rules. restarted: the autopilot was, at some time."""
+    keep(rig.config, rig.stub.config.system_id, rig.decoded(), rig.log.ticks, restarted=restarted)
+
+
+def keep(
+    config: Config, sysid: int, sent: list[tuple[float, Any]], ticks: list[TickRecord], *, restarted: bool = False
+) -> None:
+    """Finite, within limits, at the right vehicle, in the right form, none from a stale range or after release.
+
+    sent: every message that left the app, with its time. A restarted autopilot is asked for its streams, whoever flies.
+    """
+    ranging, judge = config.ranging, JUDGES[config.vehicle.kind]
+    for t, m in sent:
+        if m.get_type().startswith("SET_"):
+            assert (m.target_system, m.target_component) == (sysid, 1), (t, m)
+            try:
+                judge(m, config)
+            except AssertionError as error:
+                raise AssertionError(f"{t:.2f} s: {error}") from error
+        elif hasattr(m, "target_system") and m.get_type() not in ("COMMAND_ACK",):
+            assert m.target_system == sysid, (t, m)
+    asked = {t for t, _ in requests(sent)}
     released_s = math.inf
     before = ""
-    for tick in rig.log.ticks:
+    for tick in ticks:
         sends = tick.turn_rate_sent_rad_s == tick.turn_rate_sent_rad_s
         if tick.phase in ENGAGED_NAMES and sends:
             assert tick.sample_age_s <= max(ranging.coast_s, ranging.max_age_s) + 1e-6, tick
+        if sends and tick.control == "not held":  # the stream that a pilot engages: it must not steer
+            assert tick.turn_rate_sent_rad_s == 0.0, tick
+        if tick.t_s in asked:
+            assert tick.control in ("asked for", "giving back", "given back") or config.engage == "auto", tick
         released_s = min(released_s, tick.t_s) if tick.control == "released" else math.inf
         assert not (sends and before == tick.control and before in ("released", "given back")), tick
         before = tick.control
     if math.isfinite(released_s):
-        assert mode_requests(rig, released_s + 1e-6) == []
-        assert beyond_talk(rig.decoded(released_s - 1e-6)) == []
+        after = [(t, m) for t, m in sent if t >= released_s - 1e-6]
+        assert requests([(t, m) for t, m in after if t >= released_s + 1e-6]) == []
+        assert beyond_talk(after, streams=restarted) == []
 
 
-def beyond_talk(messages: list[tuple[float, Any]]) -> list[tuple[float, Any]]:
-    """Return what may not leave after a release: all but heartbeats, answers, texts, requests to be told the mode."""
-    talk = ("HEARTBEAT", "TIMESYNC", "STATUSTEXT", "COMMAND_ACK")
+def beyond_talk(messages: list[tuple[float, Any]], *, streams: bool = False) -> list[tuple[float, Any]]:
+    """Return what may not leave after a release: all but heartbeats, answers, texts, the circle on the map, requests to
+    be told the mode (streams: and for any stream).
+    """
+    talk = ("HEARTBEAT", "TIMESYNC", "STATUSTEXT", "COMMAND_ACK", "ORBIT_EXECUTION_STATUS")
 
-    def asks_for_the_mode(m: Any) -> bool:
-        return m.get_type() == "COMMAND_LONG" and m.command == mavlink.MAV_CMD_REQUEST_MESSAGE and m.param1 in (0, 436)
+    def asks_to_be_told(m: Any) -> bool:
+        if m.get_type() != "COMMAND_LONG":
+            return False
+        if streams and m.command == mavlink.MAV_CMD_SET_MESSAGE_INTERVAL:
+            return True
+        return m.command == mavlink.MAV_CMD_REQUEST_MESSAGE and m.param1 in (0, 436)
 
-    return [(t, m) for t, m in messages if m.get_type() not in talk and not asks_for_the_mode(m)]
+    return [(t, m) for t, m in messages if m.get_type() not in talk and not asks_to_be_told(m)]
 
 
 def last_setpoint_s(rig: Rig) -> float:

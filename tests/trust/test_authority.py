@@ -353,3 +353,23 @@ def test_on_a_bad_link_the_orbit_is_held_or_released_cleanly(name, seed):
     assert rig.log.ticks[-1].control == "held", rig.flight.events
     assert rig.log.furthest_m(5.0) < 10.0
     assert mode_requests(rig) == []
+
+
+def test_on_the_ground_nothing_is_streamed_and_offboard_is_refused():
+    """Armed on the grass with the beacon heard: Offboard would drag it along. In the air it is streamed as ever."""
+    rig = Rig(config(), airborne(80.0, height_m=0.0, params={"COM_DISARM_PRFLT": -1}))
+    rig.run(3.0)
+    rig.pilot.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1.0)
+    rig.run(2.0)
+    assert rig.stub.truth().armed and rig.log.ticks[-1].phase == "ready"
+    assert "on the ground" in rig.flight.link.authority.why_not(rig.now_s)
+    rig.pilot.mode(OFFBOARD)
+    rig.run(2.0)
+    assert rig.setpoints() == []
+    assert rig.stub.truth().mode != "OFFBOARD"
+    assert not any("to engage" in event.text for event in rig.flight.events)
+    nan = float("nan")
+    rig.pilot.command(mavlink.MAV_CMD_NAV_TAKEOFF, 0.0, 0.0, 0.0, nan, nan, nan, nan)
+    rig.run(15.0)
+    assert rig.log.sent(rig.now_s - 0.1), (rig.stub.truth(), rig.flight.link.authority.why_not(rig.now_s))
+    assert any("select Offboard to engage" in event.text for event in rig.flight.events)

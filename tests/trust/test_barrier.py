@@ -9,7 +9,7 @@ import random
 import pytest
 
 from circumnav_mav.flight import LimitedTicks
-from circumnav_mav.guidance.barrier import Band, ahead, farthest, margin_m, nearest, within
+from circumnav_mav.guidance.barrier import Band, Drift, ahead, farthest, margin_m, nearest, walk, within
 from circumnav_mav.guidance.kernel import Estimate
 from tests.lockstep import ENGAGED_NAMES, Rig, airborne, config
 
@@ -19,10 +19,14 @@ BAND = Band(30.0, 80.0, margin_m(0.1, V, REACTION_S), U_MAX, REACTION_S, side=1.
 
 
 class Plant:
-    """x, y, heading; the target at the origin. theta from the line of sight to the heading, + counter-clockwise."""
+    """x, y, heading; the target at the origin. theta from the line of sight to the heading, + counter-clockwise.
 
-    def __init__(self, r: float, theta: float) -> None:
+    wind: east, north [m/s]; the estimate tells it where `told`.
+    """
+
+    def __init__(self, r: float, theta: float, wind: tuple[float, float] = (0.0, 0.0), *, told: bool = True) -> None:
         self.x, self.y, self.psi, self.u, self.commanded = -r, 0.0, theta, 0.0, 0.0
+        self.wind, self.told = wind, told
 
     @property
     def r(self) -> float:
@@ -31,14 +35,15 @@ class Plant:
     def estimate(self) -> Estimate:
         theta = self.psi - math.atan2(-self.y, -self.x)
         theta = math.atan2(math.sin(theta), math.cos(theta))
-        return Estimate(r=self.r, r_dot=-V * math.cos(theta), V=V, u=self.u, theta=theta)
+        wx, wy = self.wind if self.told else (math.nan, math.nan)
+        return Estimate(r=self.r, r_dot=math.nan, V=V, u=self.u, theta=theta, psi=self.psi, wx=wx, wy=wy)
 
     def step(self, wanted: float, dt: float = 0.02) -> None:
         self.commanded += max(-ACCEL * dt, min(ACCEL * dt, wanted - self.commanded))
         self.u += (self.commanded - self.u) * dt / LAG_S
         self.psi += 0.5 * self.u * dt
-        self.x += V * math.cos(self.psi) * dt
-        self.y += V * math.sin(self.psi) * dt
+        self.x += (V * math.cos(self.psi) + self.wind[0]) * dt
+        self.y += (V * math.sin(self.psi) + self.wind[1]) * dt
         self.psi += 0.5 * self.u * dt
 
 
@@ -66,6 +71,73 @@ def test_the_band_is_kept_whatever_the_law_wants(law, theta_deg, r):
     assert most <= BAND.r_max
     reached = least < BAND.r_min + 6.0 if law is homing else most > BAND.r_max - 6.0
     assert reached, "the law never came near the limit: the test would prove nothing"
+
+
+WINDS = [
+    (share * V * math.cos(math.radians(a)), share * V * math.sin(math.radians(a)))
+    for share, a in ((0.2, 180), (0.2, 60), (0.5, 0), (0.5, 120), (0.5, 240))
+]
+
+
+@pytest.mark.parametrize("wind", WINDS)
+@pytest.mark.parametrize("law", [homing, fleeing])
+def test_the_band_is_kept_in_wind_that_the_estimator_knows(law, wind):
+    """Up to half of the speed: the worst laws, for two minutes."""
+    for theta_deg in (0, 120):
+        plant = Plant(55.0, math.radians(theta_deg), wind)
+        least, most = math.inf, 0.0
+        for _ in range(3000):
+            est = plant.estimate()
+            plant.step(within(law(est), est, BAND), dt=0.04)
+            least, most = min(least, plant.r), max(most, plant.r)
+        assert least >= BAND.r_min
+        assert most <= BAND.r_max
+
+
+def test_in_wind_that_nobody_knows_it_is_not_kept():
+    """What the documentation warns of, so that nobody takes the case above for one that is easy."""
+    plant = Plant(55.0, 0.0, (0.5 * V, 0.0), told=False)
+    least = math.inf
+    for _ in range(3000):
+        est = plant.estimate()
+        plant.step(within(homing(est), est, BAND))
+        least = min(least, plant.r)
+    assert least < BAND.r_min - 1.0
+
+
+def test_in_calm_a_walk_along_the_turn_is_the_closed_form():
+    rng = random.Random(6)
+    for _ in range(200):
+        r, theta, rho = rng.uniform(30.0, 200.0), rng.uniform(-math.pi, math.pi), rng.uniform(2.0, 12.0)
+        for turn in (1.0, -1.0):
+            if math.cos(theta) > 0.3:  # closing; where it opens, or hardly closes, the two end at different places
+                walked = walk(r, theta, rho, turn, 10.0, Drift(), 1.0)
+                assert nearest(r, theta, rho, turn) == pytest.approx(walked, abs=0.02 * rho)
+            if math.cos(theta) < -0.3:
+                walked = walk(r, theta, rho, turn, 10.0, Drift(), -1.0)
+                assert farthest(r, theta, rho, turn) == pytest.approx(walked, abs=0.02 * rho)
+
+
+@pytest.mark.parametrize("wind_m_s", [4.0])
+def test_a_plane_keeps_off_in_wind_whatever_the_law_wants(wind_m_s):
+    """On the stub, the wind as the drift estimator finds it: first the orbit, then a law that aims at the beacon."""
+    app = config(
+        vehicle={"class": "px4_fixed_wing"},
+        orbit={"radius_m": 100.0, "speed_m_s": 12.0, "r_min_m": 60.0},
+        law={"name": "tangent"},
+        estimator={"name": "drift"},
+        limits={"turn_accel_rad_s2": 0.5, "bank_deg": 30.0},
+    )
+    world = {"airframe": "fixed_wing", "height_m": 100.0, "start_speed_m_s": 13.0, "wind_east_m_s": wind_m_s, "seed": 4}
+    rig = Rig(app, airborne(200.0, **world)).engage()
+    rig.run(50.0)
+    rig.flight.computer._turn_rate = lambda est: -0.6 * est.theta  # type: ignore[method-assign]
+    began = len(rig.log.truth)
+    rig.run(60.0)
+    nearest_m = min(truth.horizontal_range_m for truth in rig.log.truth[began:])
+    print(f"wind {wind_m_s} m/s: nearest {nearest_m:.1f} m, r_min 60 m")
+    assert 60.0 <= nearest_m < 85.0, "kept off; and it did come near"
+    assert any(tick.barrier for tick in rig.log.ticks[began:])
 
 
 def test_without_the_barrier_the_same_laws_break_the_band():

@@ -28,17 +28,19 @@ SETPOINTS = {84, 82, 86}
 class Field:
     """The stub on real sockets, and the app as a process. Everything that reaches the vehicle is noted."""
 
-    def __init__(self, directory: Path, library: str = "pymavlink") -> None:
-        self.stub = Stub(airborne(80.0, seed=8, params={"COM_OBL_RC_ACT": 5}))
+    def __init__(self, directory: Path, library: str = "pymavlink", vehicle_id: int = 1, **vehicle: object) -> None:
+        self.stub = Stub(airborne(80.0, seed=8, params={"COM_OBL_RC_ACT": 5}, system_id=vehicle_id))
         self.server = Server(self.stub, {"offboard": Endpoint(0, 0), "gcs": Endpoint(0, 0)})
         self.pilot = Peer(self.stub)
         self.setpoints_s: list[float] = []
         self.modes_asked = 0
+        self.senders: set[tuple[int, int]] = set()
         take = self.stub._take_frame
 
         def note(link, raw):
             msgid = int.from_bytes(raw[7:10], "little")
             if link.name == "offboard" and msgid in SETPOINTS:
+                self.senders.add((raw[5], raw[6]))
                 self.setpoints_s.append(self.stub.now_s)
             if link.name == "offboard" and msgid == 76 and int.from_bytes(raw[38:40], "little") == 176:
                 self.modes_asked += 1
@@ -47,7 +49,10 @@ class Field:
         self.stub._take_frame = note
         self.config = directory / "config.yaml"
         link = f"udpout://127.0.0.1:{self.server.port('offboard')}"
-        settings = {"vehicle": {"link": link, "library": library}, "record": {"directory": str(directory / "flights")}}
+        settings = {
+            "vehicle": {"link": link, "library": library, **vehicle},
+            "record": {"directory": str(directory / "flights")},
+        }
         self.config.write_text(yaml.safe_dump(settings))
         self.app: subprocess.Popen[bytes] | None = None
         self.start()
@@ -96,6 +101,7 @@ FAULTS = [
     ("mavsdk", "stopped"),
     pytest.param("pymavlink", "blocked", marks=pytest.mark.soak),
     pytest.param("mavsdk", "killed", marks=pytest.mark.soak),
+    pytest.param("mavsdk", "blocked", marks=pytest.mark.soak),
     pytest.param("mavsdk", "blocked with the GIL held", marks=pytest.mark.soak),
 ]
 
@@ -128,6 +134,37 @@ def test_silence_failsafe_and_no_way_back_in(field, library, fault):
         assert app.poll() is None, "the watchdog was held up too: the gap rule alone keeps the app silent"
     elif fault == "blocked":
         assert app.wait(timeout=30.0) == 1, "a hung app ends with an error, so that systemd starts it again"
+
+
+@pytest.mark.realtime
+@pytest.mark.soak
+@pytest.mark.parametrize("library", ["pymavlink", "mavsdk"])
+def test_an_orbit_is_flown_through_either_library(field, library):
+    """The same flight over real sockets: engaged by a pilot, settled, and held. The error is the stub's own truth."""
+    field.engage()
+    errors: list[float] = []
+    for _ in range(300):
+        field.run(0.2)
+        errors.append(field.stub.truth().horizontal_range_m - 50.0)
+    print(f"{library}: greatest error of the last 15 s {max(abs(e) for e in errors[-75:]):.2f} m")
+    assert field.mode == "OFFBOARD"
+    assert max(abs(e) for e in errors[-75:]) < 1.5
+    assert field.modes_asked == 0
+
+
+@pytest.mark.realtime
+@pytest.mark.soak
+@pytest.mark.parametrize("library", ["pymavlink", "mavsdk"])
+@pytest.mark.parametrize("vehicle", [{}, {"system_id": 7}], ids=["the first one heard", "configured"])
+def test_a_vehicle_with_another_system_id_is_flown(tmp_path, library, vehicle):
+    field = Field(tmp_path, library, 7, **vehicle)
+    try:
+        field.engage()
+        field.run(3.0)
+        assert field.mode == "OFFBOARD"
+        assert field.senders == {(7, 191)}, "the app's system id is the vehicle's"
+    finally:
+        field.close()
 
 
 def children(field: Field) -> list[Path]:
@@ -249,15 +286,55 @@ def test_the_watchdog_leaves_a_ticking_loop_alone():
     assert not closed.is_set() and not dog.fired
 
 
+UNIT = ROOT / "configs" / "circumnav.service"
+PROGRAM = "/opt/circumnav/venv/bin/circumnav"
+
+
 @pytest.mark.skipif(shutil.which("systemd-analyze") is None, reason="systemd-analyze is not installed")
-def test_the_unit_file_is_one_that_systemd_takes():
-    unit = ROOT / "configs" / "circumnav.service"
-    done = subprocess.run(["systemd-analyze", "verify", str(unit)], capture_output=True, text=True, check=False)
+def test_the_unit_file_is_one_that_systemd_takes(tmp_path):
+    """With the program where the field guide installs it, but for its place; and without it: the test can fail."""
+    unit = tmp_path / UNIT.name
+    unit.write_text(UNIT.read_text().replace(PROGRAM, sys.executable))
+    done = verify(unit)
     assert done.returncode == 0, done.stderr
     assert "circumnav.service" not in done.stderr, done.stderr
+    unit.write_text(UNIT.read_text().replace(PROGRAM, "/nowhere/circumnav"))
+    assert "not executable" in verify(unit).stderr
 
 
-def test_the_unit_file_says_what_the_app_relies_on():
-    lines = (ROOT / "configs" / "circumnav.service").read_text().splitlines()
-    for line in ("Type=notify", "NotifyAccess=main", "WatchdogSec=2", "KillSignal=SIGINT", "Restart=on-failure"):
+def verify(unit: Path) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(["systemd-analyze", "verify", str(unit)], capture_output=True, text=True, check=False)
+
+
+def test_the_unit_file_says_what_the_app_relies_on_and_the_guide_installs_what_it_names():
+    lines = UNIT.read_text().splitlines()
+    guide = (ROOT / "docs" / "field_guide.md").read_text()
+    for line in (
+        "Type=notify",
+        "NotifyAccess=main",
+        "User=circumnav",
+        "SupplementaryGroups=dialout",
+        "WatchdogSec=2",
+        "KillSignal=SIGINT",
+        "Restart=on-failure",
+        "RestartPreventExitStatus=2",
+        f"ExecStart={PROGRAM} fly /etc/circumnav/config.yaml --wait 0",
+    ):
         assert line in lines
+    for word in (PROGRAM.removesuffix("/bin/circumnav"), "/etc/circumnav/config.yaml", "useradd", "dialout"):
+        assert word in guide
+
+
+def test_a_service_does_not_take_off_by_itself(tmp_path):
+    """A restart finds a landed vehicle and must not fly it again: as a service the app engages for a pilot only."""
+    file = tmp_path / "c.yaml"
+    file.write_text("engage: auto\norbit: {height_m: 20}\n")
+    done = subprocess.run(
+        [sys.executable, "-m", "circumnav_mav", "fly", str(file)],
+        env={**os.environ, "NOTIFY_SOCKET": "@nobody-listens-here", "PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 2
+    assert "engage: auto is not for a service" in done.stderr and len(done.stderr.splitlines()) == 1

@@ -218,3 +218,17 @@ def test_what_was_under_way_before_the_gap_is_not_taken_for_news(for_s):
     assert changes in (["OFFBOARD"], ["OFFBOARD", "AUTO/LOITER"], ["AUTO/LOITER"]), changes
     assert rig.log.ticks[-1].control == ("held" if changes == ["OFFBOARD"] else "released")
     assert mode_requests(rig) == []
+
+
+@pytest.mark.parametrize("doubled", [0.0, 0.3])
+def test_a_gap_before_the_engagement_on_a_slow_link_does_not_end_it(doubled):
+    """300 ms each way: the answers to the later questions come after the first one, and must not count as its delay."""
+    wires = bad(1, delay_s=0.3, doubled=doubled)
+    rig = Rig(config(), airborne(80.0, seed=3, params={"COM_OBL_RC_ACT": 5}), wires)
+    rig.run(5.0)
+    rig.freeze(0.7)
+    rig.run(3.0)
+    rig.pilot.mode(OFFBOARD)
+    rig.run(10.0)
+    assert rig.log.ticks[-1].control == "held", rig.flight.events
+    assert rig.stub.truth().mode == "OFFBOARD"

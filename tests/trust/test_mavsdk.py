@@ -132,7 +132,7 @@ def test_a_child_that_cannot_connect_says_so_in_one_line():
         other.bind(("127.0.0.1", 0))
         url = f"udpin://127.0.0.1:{other.getsockname()[1]}"
         done = subprocess.run(
-            [sys.executable, "-m", "circumnav_mav.runtime.mavsdk_child", url, str(theirs.fileno())],
+            [sys.executable, "-m", "circumnav_mav.runtime.mavsdk_child", url, str(theirs.fileno()), "0"],
             pass_fds=[theirs.fileno()],
             capture_output=True,
             text=True,

@@ -10,12 +10,16 @@ import pytest
 import yaml
 from pymavlink.dialects.v20 import all as mavlink
 
-from circumnav_mav.readiness import Audit, Severity
+from circumnav_mav.readiness import Audit
 from circumnav_mav.runtime.live_check import WIDTH, table
+from circumnav_mav.settings_check import Severity, facts, judged
+from circumnav_mav.settings_table import TABLES
 from sitl_stub import Stub
 from sitl_stub.server import Endpoint, Server
 from tests.lockstep import OFFBOARD_LINK, Peer, airborne, config
 from tests.trust.test_safety import shows
+from tests.vehicles.ardupilot import COPTER, PLANE, FakeArduPilot
+from tests.vehicles.test_ardupilot import APPS, LOITER
 
 ROOT = Path(__file__).parents[2]
 OK, WARNING, ERROR = Severity.OK, Severity.WARNING, Severity.ERROR
@@ -210,6 +214,138 @@ def test_the_table_is_sorted_by_severity_fits_the_terminal_and_sums_up():
     lines = list(table(found["all"]))
     assert all(len(line) <= WIDTH for line in lines)
     assert lines[-1].startswith("not ready: ")
+
+
+PX4_SETTINGS = [
+    ({"COM_OF_LOSS_T": 1.0}, OK, "1 s after the last setpoint"),
+    ({"COM_OF_LOSS_T": 5.0}, WARNING, "5 s after the last setpoint"),
+    ({"COM_OBL_RC_ACT": 3}, OK, "Return"),
+    ({"COM_OBL_RC_ACT": 4}, OK, "Land"),
+    ({"COM_OBL_RC_ACT": 5}, OK, "Hold"),
+    ({"COM_OBL_RC_ACT": 6}, ERROR, "TERMINATION"),
+    ({"COM_OBL_RC_ACT": 7}, ERROR, "DISARM"),
+    ({"COM_RC_OVERRIDE": 3}, OK, "moved sticks end Offboard"),
+    ({"COM_RC_OVERRIDE": 1}, WARNING, "do NOT end Offboard"),
+    ({"COM_RCL_EXCEPT": 4}, OK, "does nothing in Offboard"),
+    ({"COM_RCL_EXCEPT": 0}, OK, "NAV_RCL_ACT says"),
+    ({"NAV_RCL_ACT": 5}, ERROR, "it falls"),
+    ({"NAV_RCL_ACT": 6}, ERROR, "it falls"),
+    ({"NAV_RCL_ACT": 5, "COM_RCL_EXCEPT": 4}, OK, "not asked in Offboard"),
+    ({"NAV_RCL_ACT": 1}, OK, "Hold"),
+    ({"NAV_RCL_ACT": 2}, OK, "Return"),
+    ({"NAV_RCL_ACT": 3}, OK, "Land"),
+    ({"NAV_RCL_ACT": 0}, WARNING, "does nothing"),
+]
+SETTINGS = [
+    *(("px4_multirotor", *case) for case in PX4_SETTINGS),
+    *(("px4_fixed_wing", *case) for case in PX4_SETTINGS),
+    ("px4_multirotor", {"COM_OBL_RC_ACT": 0}, ERROR, "SINKS"),
+    ("px4_multirotor", {"COM_OBL_RC_ACT": 1}, ERROR, "sinks at 0.7"),
+    ("px4_multirotor", {"COM_OBL_RC_ACT": 2}, ERROR, "sinks at 0.4"),
+    ("px4_multirotor", {"MPC_XY_VEL_MAX": 12.0}, OK, "above orbit.speed_m_s"),
+    ("px4_multirotor", {"MPC_XY_VEL_MAX": 4.0}, ERROR, "clips the speed at 4 m/s"),
+    ("px4_fixed_wing", {"COM_OBL_RC_ACT": 0}, ERROR, "STRAIGHT AWAY"),
+    ("px4_fixed_wing", {"COM_OBL_RC_ACT": 1}, ERROR, "straight away"),
+    ("px4_fixed_wing", {"COM_OBL_RC_ACT": 2}, ERROR, "straight away"),
+    ("px4_fixed_wing", {"FW_AIRSPD_MIN": 10.0}, ERROR, "above orbit.speed_m_s, 5 m/s"),
+    ("px4_fixed_wing", {"FW_AIRSPD_MIN": 4.0}, OK, "below orbit.speed_m_s"),
+    ("px4_fixed_wing_position", {"FW_AIRSPD_TRIM": 15.0}, WARNING, "flies 15 m/s whatever is asked"),
+    ("px4_fixed_wing_position", {"FW_AIRSPD_TRIM": 5.2}, OK, "flies 5.2 m/s"),
+    ("px4_fixed_wing_position", {"FW_R_LIM": 20.0}, WARNING, "banks 20 deg at most, limits.bank_deg is 30"),
+    ("px4_fixed_wing_position", {"FW_R_LIM": 50.0}, OK, "banks 50 deg"),
+    ("px4_rover", {"COM_OBL_RC_ACT": 0}, WARNING, "never measured"),
+    ("arducopter", {"GUID_TIMEOUT": 3.0}, WARNING, "TURNING, for 3 s"),
+    ("arducopter", {"GUID_TIMEOUT": 1.0}, OK, "stays in Guided"),
+    ("arducopter", {"GUID_OPTIONS": 4}, WARNING, "yaw stick is ignored"),
+    ("arducopter", {"GUID_OPTIONS": 0}, OK, "yaw stick overrides"),
+    ("arducopter", {"FS_THR_ENABLE": 0}, OK, "none is there"),
+    ("arducopter", {"FS_THR_ENABLE": 1}, OK, "is acted on"),
+    ("arducopter", {"FS_OPTIONS": 20}, OK, "does nothing in Guided"),
+    ("arducopter", {"FS_OPTIONS": 16}, OK, "ends Guided"),
+    ("arducopter", {"WPNAV_SPEED": 300}, ERROR, "clips the speed at 300 cm/s"),
+    ("arducopter", {"WPNAV_SPEED": 1000}, OK, "above orbit.speed_m_s"),
+    ("arducopter", {"WPNAV_ACCEL": 100}, WARNING, "100 cm/s2 at most"),
+    ("arducopter", {"WPNAV_ACCEL": 250}, OK, "is flown"),
+    ("arducopter", {"SYSID_MYGCS": 1}, OK, "RTL if it stops"),
+    ("arducopter", {"SYSID_MYGCS": 255}, OK, "nothing watches the companion"),
+    ("arduplane", {"STICK_MIXING": 0}, OK, "sticks do nothing"),
+    ("arduplane", {"STICK_MIXING": 1}, OK, "none is there"),
+    ("arduplane", {"FS_LONG_ACTN": 0}, OK, "none is there"),
+    ("arduplane", {"FS_LONG_ACTN": 1}, OK, "RTL"),
+    ("arduplane", {"FS_LONG_ACTN": 2}, WARNING, "FBWA"),
+    ("arduplane", {"TKOFF_ALT": 50.0}, OK, "50 m"),
+    ("arduplane", {"ROLL_LIMIT_DEG": 20.0}, WARNING, "20 deg at most, limits.bank_deg is 30"),
+    ("arduplane", {"ROLL_LIMIT_DEG": 65.0}, OK, "65 deg at most"),
+    ("arduplane", {"AIRSPEED_CRUISE": 22.0}, WARNING, "22 m/s (calibrated) whatever is asked, orbit.speed_m_s is 5"),
+    ("arduplane", {"AIRSPEED_CRUISE": 5.0}, OK, "about orbit.speed_m_s"),
+]
+WITH_RC = [
+    *(("px4_multirotor", {"COM_OBL_RC_ACT": n}, WARNING, "if this app dies") for n in (0, 1, 2)),
+    *(("px4_fixed_wing", {"COM_OBL_RC_ACT": n}, WARNING, "if this app dies") for n in (0, 1, 2)),
+    *(("px4_multirotor", {"COM_OBL_RC_ACT": n}, OK, "if this app dies") for n in (3, 4, 5)),
+    *(("px4_multirotor", {"COM_OBL_RC_ACT": n}, ERROR, "it falls") for n in (6, 7)),
+    ("px4_multirotor", {"COM_RCL_EXCEPT": 4}, WARNING, "does nothing in Offboard"),
+    ("arducopter", {"FS_THR_ENABLE": 0}, WARNING, "does nothing"),
+    ("arducopter", {"FS_OPTIONS": 4}, WARNING, "does nothing in Guided"),
+    ("arduplane", {"STICK_MIXING": 1}, WARNING, "ADDS to the app's bank"),
+    ("arduplane", {"FS_LONG_ACTN": 0}, WARNING, "goes on obeying"),
+]
+AUTO = [("arduplane", {"TKOFF_ALT": 50.0}, ERROR, "climbs to 50 m, and orbit.height_m is 80")]
+CASES = [(case, False, {}) for case in SETTINGS] + [(case, True, {}) for case in WITH_RC]
+CASES += [(case, False, {"engage": "auto", "orbit": {"height_m": 80.0}}) for case in AUTO]
+
+
+@pytest.mark.parametrize(("case", "has_rc", "app"), CASES)
+def test_a_setting_is_judged(case, has_rc, app):
+    name, parameters, severity, words = case
+    known = facts(config(vehicle={"class": name}, **app), has_rc=has_rc, sysid=1, parameters=parameters)
+    found = {f.what: f for f in judged(TABLES[name], known)}
+    row = found[next(iter(parameters))]
+    assert (row.severity, words in row.text) == (severity, True), row
+    assert bool(row.fix) == (severity is not OK), "what is wrong comes with what mends it, and only that"
+
+
+def test_every_row_of_every_table_is_judged_by_a_case():
+    reached = set()
+    for (name, parameters, _, _), has_rc, app in CASES:
+        known = facts(config(vehicle={"class": name}, **app), has_rc=has_rc, sysid=1, parameters=parameters)
+        for parameter in parameters:
+            rows = [row for row in TABLES[name] if row.parameter == parameter]
+            reached.add(id(next(row for row in rows if row.holds(parameters[parameter], known))))
+    missed = {(row.parameter, row.does) for rows in TABLES.values() for row in rows if id(row) not in reached}
+    assert not missed
+
+
+def test_a_setting_that_is_not_told_and_one_that_nobody_knows_are_said():
+    known = facts(config(), has_rc=False, sysid=1, parameters={"COM_OBL_RC_ACT": 99.0})
+    found = {f.what: f for f in judged(TABLES["px4_multirotor"], known)}
+    assert found["COM_OBL_RC_ACT"].severity is WARNING and "not a value that is known" in found["COM_OBL_RC_ACT"].text
+    assert found["COM_OF_LOSS_T"].severity is WARNING and "did not say" in found["COM_OF_LOSS_T"].text
+
+
+@pytest.mark.parametrize("name", ["arducopter", "arduplane"])
+def test_an_ardupilot_is_judged_by_its_own_settings(name):
+    kind = COPTER if name == "arducopter" else PLANE
+    vehicle, audit = FakeArduPilot(kind, LOITER[kind], height_m=80.0), Audit(config(**APPS[kind]))
+    for _ in range(500):
+        vehicle.advance()
+        for data in vehicle.take():
+            audit.receive(data, vehicle.now_s)
+        for frame in audit.tick(vehicle.now_s):
+            vehicle.receive(frame)
+    found = {f.what: f for f in audit.findings(vehicle.now_s)}
+    assert set(vehicle.parameters) <= set(found)
+    assert not [f for f in found.values() if "did not say" in f.text]
+    if name == "arducopter":
+        assert found["GUID_TIMEOUT"].severity is WARNING and "set GUID_TIMEOUT to 1" in found["GUID_TIMEOUT"].fix
+    else:
+        assert "straight on the heading" in found["if this app dies"].text
+
+
+def test_a_stream_that_serves_two_needs_is_shown_once():
+    found, _ = listen()
+    names = [f.text.split()[0] for f in found["all"] if f.what == "streams"]
+    assert sorted(names) == sorted(set(names)) and "LOCAL_POSITION_NED" in names
 
 
 @pytest.mark.realtime

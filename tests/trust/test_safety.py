@@ -26,7 +26,13 @@ from tests.trust.rules import (
 )
 
 DOCUMENT = Path(__file__).parents[2] / "docs" / "safety.md"
-BATTERY_STATUS, ESTIMATOR_STATUS, SYS_STATUS = 147, 230, 1
+BATTERY_STATUS, ESTIMATOR_STATUS, SYS_STATUS, ATTITUDE, LOCAL_POSITION = 147, 230, 1, 30, 32
+PLANE = {
+    "vehicle": {"class": "px4_fixed_wing"},
+    "orbit": {"radius_m": 80.0, "speed_m_s": 12.0},
+    "limits": {"turn_accel_rad_s2": 0.5},
+}
+PLANE_WORLD = {"airframe": "fixed_wing", "height_m": 60.0, "start_speed_m_s": 13.0}
 HEIGHT = (33, 32, 74)  # GLOBAL_POSITION_INT, LOCAL_POSITION_NED, VFR_HUD
 
 
@@ -143,6 +149,14 @@ ROWS: dict[str, Row] = {
     "autopilot's estimates lost": Row(
         shows(ESTIMATOR_STATUS, 1, 0b10100101), 2.0, LAND, "the autopilot's estimator has lost"
     ),
+    "attitude lost (place, for `px4_fixed_wing_position`)": Row(
+        lambda rig, patch: silence(rig, (ATTITUDE,)),
+        0.8,
+        HOLD,
+        "no attitude from the autopilot: no setpoint can be made",
+        app=PLANE,
+        world=PLANE_WORLD,
+    ),
     "battery low": Row(shows(SYS_STATUS, 6, 12), 4.3, RETURN, "battery low: 12 %, the limit is 20 %"),
     "battery called low by the autopilot": Row(shows(BATTERY_STATUS, 10, 2), 4.3, RETURN, "battery low: 100 %"),
     "range band broken": Row(
@@ -226,6 +240,47 @@ def test_the_document_has_exactly_these_rows():
     table = re.findall(r"^\| ([^|]+?) \|", DOCUMENT.read_text(encoding="utf-8"), re.MULTILINE)
     causes = [cell for cell in table if cell not in ("cause",) and not set(cell) <= set("- ")]
     assert causes == list(ROWS)
+
+
+@pytest.mark.parametrize(
+    ("app", "world", "lost", "within_s", "reads"),
+    [
+        (PLANE, PLANE_WORLD, ATTITUDE, 0.52, "no attitude from the autopilot"),
+        (
+            PLANE | {"vehicle": {"class": "px4_fixed_wing_position"}},
+            PLANE_WORLD,
+            LOCAL_POSITION,
+            1.05,
+            "no place and course from the autopilot",
+        ),
+        ({"vehicle": {"class": "px4_multirotor_attitude", "pitch_deg": -4.37}}, {}, ATTITUDE, 0.52, "no attitude"),
+    ],
+    ids=["fixed wing", "fixed wing by position", "multirotor by attitude"],
+)
+@pytest.mark.parametrize("action", ["hold", "stop"])
+def test_what_a_setpoint_is_made_of_is_lost(app, world, lost, within_s, reads, action):
+    """Silence as it goes stale, the reason in words, and with stop no mode request: the autopilot's failsafe acts."""
+    rig = Rig(config(**app, safety={"on_blind": action}), airborne(70.0, **world, params={"COM_OBL_RC_ACT": 5}))
+    engage(rig)
+    rig.run(3.0)
+    began_s = rig.now_s
+    silence(rig, (lost,))
+    rig.run(6.0)
+    assert last_setpoint_s(rig) <= began_s + within_s
+    said = texts(rig, began_s)
+    assert any(reads in text and "no setpoint can be made" in text for text in said), said
+    assert not any("no setpoint for" in text for text in said), "that is the effect, not the cause"
+    assert {mode for _, mode in mode_requests(rig, began_s)} == ({HOLD} if action == "hold" else set())
+    assert rig.stub.truth().mode == "AUTO/LOITER"
+    keep_the_rules(rig)
+
+
+def test_a_class_that_can_do_without_the_attitude_flies_on():
+    rig = engage(Rig(config(), airborne(70.0)))
+    silence(rig, (ATTITUDE,))
+    rig.run(6.0)
+    assert rig.log.ticks[-1].control == "held"
+    assert rig.log.sent(rig.now_s - 0.1)
 
 
 def test_with_a_low_battery_an_engagement_is_handed_back_at_once(monkeypatch):

@@ -17,13 +17,20 @@ G = 9.80665
 COPTER, PLANE = mavlink.MAV_TYPE_QUADROTOR, mavlink.MAV_TYPE_FIXED_WING
 GUIDED = {COPTER: 4, PLANE: 15}
 PARAMETERS = {
-    COPTER: {"GUID_TIMEOUT": 3.0, "GUID_OPTIONS": 0.0, "FS_OPTIONS": 16.0},
-    PLANE: {"STICK_MIXING": 1.0, "TKOFF_ALT": 100.0},
-}
+    COPTER: {
+        "GUID_TIMEOUT": 3.0, "GUID_OPTIONS": 0.0, "FS_OPTIONS": 16.0, "FS_THR_ENABLE": 1.0, "WPNAV_SPEED": 1000.0,
+        "WPNAV_ACCEL": 250.0, "SYSID_MYGCS": 255.0,
+    },
+    PLANE: {
+        "STICK_MIXING": 1.0, "TKOFF_ALT": 100.0, "FS_LONG_ACTN": 0.0, "ROLL_LIMIT_DEG": 65.0, "AIRSPEED_CRUISE": 22.0,
+        "SYSID_MYGCS": 255.0,
+    },
+}  # fmt: skip
 LEAST_INTERVAL_US = {COPTER: 2500.0, PLANE: 25000.0}
 EAS_TO_TAS, TURN_SHARE = 1.067, 0.745
 SETPOINT_HELD_S = 3.0
 STEP_S = 0.02
+FARTHEST_CM = 65000
 
 
 class FakeArduPilot:
@@ -230,9 +237,10 @@ class FakeArduPilot:
         if self.radio and self.now_s >= self._range_next_s:
             self._range_next_s = self.now_s + 0.1
             cm = round(100.0 * (self.range_m + self._random.gauss(0.0, 0.3)))
-            ms = round(self.now_s * 1e3)
-            message = mavlink.MAVLink_distance_sensor_message(ms, 10, 65000, cm, 0, 7, 0, 255)
-            self._out.append(message.pack(self._radio_mav))
+            if 10 <= cm <= FARTHEST_CM:
+                ms = round(self.now_s * 1e3)
+                message = mavlink.MAVLink_distance_sensor_message(ms, 10, FARTHEST_CM, cm, 0, 7, 0, 255)
+                self._out.append(message.pack(self._radio_mav))
 
 
 def attitude(a: FakeArduPilot) -> Any:

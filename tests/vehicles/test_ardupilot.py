@@ -34,7 +34,8 @@ class Rig:
         app = {**APPS[kind], **sections}
         if "orbit" in sections:
             app["orbit"] = {**APPS[kind].get("orbit", {}), **sections["orbit"]}
-        self.flight = Flight(config(**app))
+        self.config = config(**app)
+        self.flight = Flight(self.config)
         self.vehicle = vehicle or FakeArduPilot(kind, LOITER[kind], height_m=80.0)
         self.radius_m = self.flight.computer._settings.context.r_a
         self.ticks: list[TickRecord] = []
@@ -265,3 +266,15 @@ def test_the_copter_waits_for_its_estimator():
     rig = Rig(COPTER, vehicle).run(10.0)
     assert rig.phase == "waiting_autopilot"
     assert "no horizontal velocity" in rig.flight.waiting_for or "no position" in rig.flight.waiting_for
+
+
+def test_guided_on_the_ground_is_not_taken():
+    vehicle = FakeArduPilot(COPTER, LOITER[COPTER])
+    vehicle.armed = True
+    rig = Rig(COPTER, vehicle).run(4.0)
+    assert rig.phase == "ready"
+    assert not any("to engage" in event.text for event in rig.flight.events)
+    vehicle.set_mode(GUIDED[COPTER])
+    rig.run(3.0)
+    assert rig.setpoints() == []
+    assert rig.phase == "ready"

@@ -128,7 +128,22 @@ def test_a_multirotor_without_velocity_circles_by_attitude_in_still_air():
     assert log.rms_m(60.0) < 0.6
     assert all(abs(truth.height_m - 20.0) < 1.0 for truth in held(rig))
     assert steepest_deg(rig) <= 20.1
-    assert {tick.speed_source for tick in log.sent(10.0)} == {"configured"}
+    assert {tick.speed_source for tick in log.sent(10.0)} == {"believed"}
+
+
+@pytest.mark.parametrize(("hover_s", "wind_m_s", "seed"), [(20.0, 0.0, 4), (5.0, 0.0, 3), (20.0, 1.5, 4)])
+def test_by_attitude_the_drift_estimator_finds_beacon_and_wind(hover_s, wind_m_s, seed):
+    """The believed speed is none while it hovers, gathers as the pitch makes it, and slips as the roll does: told the
+    full speed all the time, the estimator started again three times and the flight was broken off.
+    """
+    world = {"seed": seed, "wind_east_m_s": wind_m_s, "bearing_rad": float(seed)}
+    rig = copter(world=world, law={"name": "tangent"}, estimator={"name": "drift"})
+    rig.run(hover_s)
+    rig.pilot.mode(OFFBOARD)
+    log = rig.run(150.0)
+    assert log.phases[-2:] == ["acquiring", "orbiting"], rig.flight.events
+    assert rig.flight.computer.estimator.restarts <= 1
+    assert log.rms_m(60.0) < 0.6
 
 
 def test_gps_lost_in_flight_changes_nothing_for_it():

@@ -33,8 +33,8 @@ EFFECT_FROM_RAD = 0.09
 class RollAlone:
     """roll = atan(V yaw_rate / (g effect)): V the true airspeed, effect = turn rate / coordinated turn rate."""
 
-    lacks = ""
-    """Nothing to learn."""
+    lacks = misses = ""
+    """Nothing to learn, and nothing that it cannot do without."""
 
     def __init__(self, options: Options) -> None:
         self._options = options

@@ -27,7 +27,7 @@ from circumnav_mav.mavlink.setpoints import (
 )
 from circumnav_mav.mavlink.streams import WANTED_HZ
 from circumnav_mav.mavlink.vehicles.learned import Learned
-from circumnav_mav.mavlink.vehicles.plug import ATTITUDE, Options, TakeOff, VehicleClass
+from circumnav_mav.mavlink.vehicles.plug import ATTITUDE, NO_ATTITUDE, Options, TakeOff, VehicleClass
 from circumnav_mav.mavlink.vehicles.velocity import COPTERS
 from circumnav_mav.types import TurnRateSetpoint
 
@@ -52,6 +52,7 @@ class Attitude:
         self._hover = Learned(options.thrust, *HOVER_THRUST)
         self._integral_m_s2 = 0.0
         self._last_s = nan
+        self.misses = ""
 
     @property
     def lacks(self) -> str:
@@ -61,17 +62,20 @@ class Attitude:
     def encode(self, setpoint: TurnRateSetpoint, state: VehicleState, now_s: float) -> Encoded | None:
         """Return SET_ATTITUDE_TARGET, mask 3; None without an attitude to put into it."""
         sp = checked(setpoint, self._limits)
-        if isnan(state.roll_rad + state.pitch_rad + state.yaw_rad):
+        self.misses = NO_ATTITUDE if isnan(state.roll_rad + state.pitch_rad + state.yaw_rad) else ""
+        if self.misses:
             return None
         dt = 0.0 if isnan(self._last_s) else within(now_s - self._last_s, 0.0, 0.2)
         self._last_s = now_s
         flying = sp.speed_m_s > 0.0
         yaw_rate = yaw_rate_rad_s(sp.turn_rate_rad_s)
-        roll = within(atan(self._speed_m_s * yaw_rate / G_M_S2), -self._bank_rad, self._bank_rad) if flying else 0.0
+        speed = self._speed_m_s if isnan(state.airspeed_m_s) else min(self._speed_m_s, state.airspeed_m_s)
+        roll = within(atan(speed * yaw_rate / G_M_S2), -self._bank_rad, self._bank_rad) if flying else 0.0
         pitch = self._pitch_rad if flying else 0.0
         if not flying and state.in_air and abs(state.climb_m_s) < LEVEL_CLIMB_M_S:
             self._hover.learn(state.throttle * cos(state.roll_rad) * cos(state.pitch_rad), dt)
         if not self._hover.known:
+            self.misses = self.lacks
             return None
         lift = self._lift(sp.height_m, state, dt if flying else 0.0)
         thrust = self._hover.value * (1.0 + lift / G_M_S2) / (cos(roll) * cos(pitch))

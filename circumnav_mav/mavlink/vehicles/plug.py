@@ -19,6 +19,8 @@ AIRSPEED = ("VFR_HUD",)
 ESTIMATOR = ("ESTIMATOR_STATUS", "EKF_STATUS_REPORT")
 HEIGHT = ("GLOBAL_POSITION_INT", "LOCAL_POSITION_NED", "VFR_HUD")
 """Groups of messages of which a class needs one."""
+NO_ATTITUDE = "no attitude from the autopilot"
+NO_PLACE = "no place and course from the autopilot"
 
 
 class Options(NamedTuple):
@@ -38,6 +40,11 @@ class Encoder(Protocol):
     @property
     def lacks(self) -> str:
         """What it still has to learn before it can fly, in words; empty when it can. Till then it encodes None."""
+        ...
+
+    @property
+    def misses(self) -> str:
+        """What the last `encode` could not do without, in words; empty where it made a setpoint."""
         ...
 
     def encode(self, setpoint: TurnRateSetpoint, state: VehicleState, now_s: float) -> Encoded | None:

@@ -24,7 +24,7 @@ from circumnav_mav.mavlink.setpoints import (
 )
 from circumnav_mav.mavlink.streams import WANTED_HZ
 from circumnav_mav.mavlink.vehicles.learned import Learned
-from circumnav_mav.mavlink.vehicles.plug import AIRSPEED, ATTITUDE, HEIGHT, Options, TakeOff, VehicleClass
+from circumnav_mav.mavlink.vehicles.plug import AIRSPEED, ATTITUDE, HEIGHT, NO_ATTITUDE, Options, TakeOff, VehicleClass
 from circumnav_mav.types import TurnRateSetpoint
 
 PLANES = frozenset((enums.MAV_TYPE_FIXED_WING,))
@@ -100,6 +100,7 @@ class Bank:
         self._options = options
         self._loop = HeightAndSpeed(options)
         self._last_s = nan
+        self.misses = ""
 
     @property
     def lacks(self) -> str:
@@ -110,7 +111,8 @@ class Bank:
         """Return SET_ATTITUDE_TARGET, mask 7; None without an attitude to judge by."""
         o = self._options
         sp = checked(setpoint, o.limits)
-        if isnan(state.roll_rad + state.pitch_rad + state.yaw_rad):
+        self.misses = NO_ATTITUDE if isnan(state.roll_rad + state.pitch_rad + state.yaw_rad) else ""
+        if self.misses:
             return None
         dt = 0.0 if isnan(self._last_s) else within(now_s - self._last_s, 0.0, 0.2)
         self._last_s = now_s
@@ -118,6 +120,7 @@ class Bank:
         if not flying:  # the autopilot flies, or is about to
             self._loop.learn(state, dt)
         if not self._loop.known:
+            self.misses = self.lacks
             return None
         speed = o.speed_m_s if isnan(state.airspeed_m_s) else state.airspeed_m_s
         roll = atan(speed * yaw_rate_rad_s(sp.turn_rate_rad_s) / G_M_S2)

@@ -22,7 +22,7 @@ from circumnav_mav.mavlink.setpoints import (
     within,
     yaw_rate_rad_s,
 )
-from circumnav_mav.mavlink.vehicles.plug import AIRSPEED, ATTITUDE, ESTIMATOR, VELOCITY, Options, VehicleClass
+from circumnav_mav.mavlink.vehicles.plug import AIRSPEED, ATTITUDE, ESTIMATOR, NO_PLACE, VELOCITY, Options, VehicleClass
 from circumnav_mav.mavlink.vehicles.px4_fixed_wing import MESSAGES_HZ, PLANES, TAKE_OFF
 from circumnav_mav.types import TurnRateSetpoint
 
@@ -36,6 +36,7 @@ class CurvedPath:
 
     lacks = ""
     """Nothing to learn."""
+    misses = ""
 
     def __init__(self, options: Options) -> None:
         self._limits = options.limits
@@ -46,7 +47,9 @@ class CurvedPath:
         """Return SET_POSITION_TARGET_LOCAL_NED, frame LOCAL_NED, mask 3072; None without a place and a course."""
         sp = checked(setpoint, self._limits)
         if isnan(state.north_m + state.east_m + state.down_m + state.course_rad + state.speed_m_s):
+            self.misses = NO_PLACE
             return None
+        self.misses = ""
         v = max(SLOWEST_M_S, state.speed_m_s)
         most = self._lateral_m_s2 / v  # over the ground: downwind the same turn rate takes a steeper bank
         rate = within(yaw_rate_rad_s(sp.turn_rate_rad_s), -most, most)

@@ -36,8 +36,8 @@ COPTERS = frozenset(
 class Velocity:
     """Height is held through the vertical speed: no other setpoint holds one with a body velocity."""
 
-    lacks = ""
-    """Nothing to learn."""
+    lacks = misses = ""
+    """Nothing to learn, and nothing that it cannot do without."""
 
     def __init__(self, options: Options) -> None:
         self._limits = options.limits
