@@ -29,6 +29,8 @@ NEED_HZ = 1.0
 """Rate to ask for what a vehicle class needs to hear, without flying on it."""
 PARAM_INT32 = 6
 STATUSTEXT_LENGTH = 50
+TARGET, DRIFT = b"TARGET", b"DRIFT"
+"""Names, at most ten letters, under which ground stations and logs show the target."""
 LET_GO = frozenset({Control.RELEASED, Control.GIVEN_BACK})
 COMMANDS = frozenset({"COMMAND_LONG", "COMMAND_INT"})
 SETPOINTS = frozenset({"SET_POSITION_TARGET_LOCAL_NED", "SET_POSITION_TARGET_GLOBAL_INT", "SET_ATTITUDE_TARGET"})
@@ -262,6 +264,19 @@ class AutopilotLink:
             z=0.0 if isnan(self.autopilot.amsl_m) else self.autopilot.amsl_m,
             frame=enums.MAV_FRAME_GLOBAL,
         )
+
+    def target_vector(self, now_s: float, north_m: float, east_m: float, sigma_m: float) -> bytes:
+        """Return DEBUG_VECT `TARGET`: the target from the vehicle (x north, y east) and the uncertainty z, in metres.
+
+        Ground stations keep one row a message and component, whatever its name: so no message is sent under two names.
+        """
+        return self._packer.pack("DEBUG_VECT", name=TARGET, time_usec=int(now_s * 1e6), x=north_m, y=east_m, z=sigma_m)
+
+    def drift_array(self, now_s: float, north_m_s: float, east_m_s: float, sigma_m_s: float) -> bytes:
+        """Return DEBUG_FLOAT_ARRAY `DRIFT`: wind minus the target's velocity (north, east), its uncertainty, in m/s."""
+        values = (north_m_s, east_m_s, sigma_m_s)
+        data = values + (0.0,) * (by_name("DEBUG_FLOAT_ARRAY").lengths[-1] - len(values))
+        return self._packer.pack("DEBUG_FLOAT_ARRAY", time_usec=int(now_s * 1e6), name=DRIFT, array_id=0, data=data)
 
     def _heartbeat(self) -> bytes:
         return self._packer.pack(
