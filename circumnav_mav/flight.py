@@ -14,6 +14,7 @@ from math import inf, isfinite, nan
 from typing import NamedTuple
 
 from circumnav_mav.config import Config, guidance_settings
+from circumnav_mav.config_defaults import told
 from circumnav_mav.guidance.computer import Decision, GuidanceComputer, Status
 from circumnav_mav.guidance.kernel import Motion
 from circumnav_mav.guidance.phases import ENGAGED, Phase
@@ -124,7 +125,7 @@ class Flight:
         self._auto: AutoEngage | None = None
         if config.engage == "auto" and vehicle.take_off is not None:
             self._auto = AutoEngage(self.link, vehicle.take_off, config.orbit.height_m or nan)
-        self.events: list[Event] = []
+        self.events: list[Event] = [Event(0.0, f"{heading}: {words}", INFO) for heading, words in told(config)]
         self.rejected: Counter[str] = Counter()
         self.engaged_s = nan
         self.end_reason = ""

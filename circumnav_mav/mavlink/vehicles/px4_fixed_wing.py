@@ -24,7 +24,7 @@ from circumnav_mav.mavlink.setpoints import (
 )
 from circumnav_mav.mavlink.streams import WANTED_HZ
 from circumnav_mav.mavlink.vehicles.learned import Learned
-from circumnav_mav.mavlink.vehicles.plug import AIRSPEED, ATTITUDE, HEIGHT, Options, TakeOff, VehicleClass
+from circumnav_mav.mavlink.vehicles.plug import AIRSPEED, ATTITUDE, HEIGHT, SMALL_PLANE, Options, TakeOff, VehicleClass
 from circumnav_mav.types import TurnRateSetpoint
 
 PLANES = frozenset((enums.MAV_TYPE_FIXED_WING,))
@@ -148,6 +148,7 @@ PX4_FIXED_WING = VehicleClass(
     speed="air",
     turn_lag_s=0.2,
     encoder=Bank,
+    defaults=SMALL_PLANE,
     take_off=TAKE_OFF,
     banks=True,
     attitude=True,
