@@ -10,7 +10,7 @@ from circumnav_mav.config_defaults import told
 from circumnav_mav.guidance.laws import LAWS
 from circumnav_mav.guidance.laws.hashemi2013 import DEFAULT_KAPPA, gain
 from circumnav_mav.guidance.verdict import Finding, Flight, Severity, report, report_plain, verdict
-from circumnav_mav.ranging import SOURCES
+from circumnav_mav.ranging import SOURCES, MessageSource
 
 MARK: dict[Severity, str] = {"error": "ERROR  ", "warning": "warning", "info": "       "}
 
@@ -51,6 +51,8 @@ def idle_keys(config: Config) -> Iterator[str]:
     kind, given, source = config.vehicle_class, config.vehicle, SOURCES[config.ranging.source]
     if config.ranging.beacon_id is not None and not source.has_beacon_id:
         yield f"ranging.beacon_id does nothing: {source.name} carries no beacon's id"
+    if config.ranging.stamped_by == "autopilot" and not isinstance(source, MessageSource):
+        yield f"ranging.stamped_by does nothing: {source.name} is a device with a clock of its own"
     defaults = Vehicle.model_fields
     for key in ("pitch_deg", "thrust"):
         if getattr(given, key) != defaults[key].default and not kind.attitude:

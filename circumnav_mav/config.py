@@ -107,6 +107,7 @@ class Ranging(Section):
     min_quality_pct: Finite | None = Field(None, ge=0, le=100)
     stuck_s: NotNegative | None = None
     use_stamps: bool = True
+    stamped_by: Literal["sender", "autopilot"] = "sender"
     max_age_s: Positive = 1.0
     coast_s: NotNegative = 20.0
     bias_m: Finite = 0.0

@@ -29,6 +29,7 @@ from circumnav_mav.mavlink.signing import Signer
 from circumnav_mav.mavlink.vehicles import VEHICLES
 from circumnav_mav.mavlink.vehicles.fitness import Fitness, Unfit
 from circumnav_mav.range_feed import RangeFeed
+from circumnav_mav.ranging import MessageReceiver
 from circumnav_mav.types import RangeSample, Rejected
 
 VEHICLE, RANGING = "vehicle", "ranging"
@@ -116,6 +117,10 @@ class Flight:
         self._vehicle, self.words = vehicle, vehicle.words
         subscribed = () if self.ranges.own_link else self.ranges.messages
         self.link = AutopilotLink(subscribed, vehicle.messages_hz, vehicle.words, signer)
+        receiver = self.ranges.receiver
+        if isinstance(receiver, MessageReceiver) and config.ranging.use_stamps:
+            self.link.time.wanted = True
+            receiver.clocks = self.link.time.offset
         self.computer = GuidanceComputer(guidance_settings(config))
         self.lookout = Lookout(config, self.link.autopilot, self.computer)
         self._encoder = vehicle.encoder(config.encoder_options())

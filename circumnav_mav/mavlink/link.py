@@ -20,6 +20,7 @@ from circumnav_mav.mavlink.modes import ModeWords
 from circumnav_mav.mavlink.offboard import Authority, Control, ModeRequest, Seen
 from circumnav_mav.mavlink.signing import Signer
 from circumnav_mav.mavlink.streams import WANTED_HZ, interval_us, unwanted
+from circumnav_mav.mavlink.timesync import TimeSync
 
 COMPANION_COMPONENT = 191
 HEARTBEAT_S = 1.0
@@ -51,6 +52,7 @@ class AutopilotLink:
         self.words = words
         self.authority = Authority(self.autopilot, words)
         self.commands = CommandQueue()
+        self.time = TimeSync()
         self.parameters: dict[str, float] = {}
         self.latch_commands = 0
         """How often MAV_CMD_USER_1 came for this component: the operator's wish to be followed again."""
@@ -99,6 +101,7 @@ class AutopilotLink:
                 if autopilot.reboots != self._reboots:
                     self._reboots = autopilot.reboots
                     self.authority.lost("the autopilot has restarted")
+                    self.time.forget()
                 handler = handlers.get(name)
                 if handler is not None:
                     handler(message.fields, now_s)
@@ -110,6 +113,8 @@ class AutopilotLink:
             elif name == "HEARTBEAT" or name in SETPOINTS:
                 self._watch_rivals(message, now_s)
                 continue
+            if name == "TIMESYNC" and message.fields.tc1:
+                self.time.answer((message.sysid, message.compid), message.fields.ts1, message.fields.tc1, now_s)
             if name not in OWN_MESSAGES:
                 others.append(message)
         self.counts.decoded = self._decoder.decoded
@@ -181,6 +186,8 @@ class AutopilotLink:
         if self._timesync is not None:
             due.append(self._packer.pack("TIMESYNC", tc1=int(now_s * 1e9), ts1=self._timesync))
             self._timesync = None
+        if (token := self.time.question(now_s)) is not None:
+            due.append(self._packer.pack("TIMESYNC", tc1=0, ts1=token))
         due += [self._command(command) for command in self.commands.poll(now_s)]
         if self.authority.seen() is Seen.NOTHING and not now_s < self._ask_mode_next_s:
             due += self._ask_mode(now_s)  # the last answer may have been lost
@@ -224,6 +231,7 @@ class AutopilotLink:
 
     def reconnected(self, now_s: float) -> list[bytes]:
         """The link was lost and is back: set it up again, its settings went with it; then as after any gap."""
+        self.time.forget()
         self._set_up_for = (None, 0)
         return self.after_gap(now_s)
 
