@@ -40,6 +40,8 @@ MOVING_M_S = 1.0
 MAP_S = 1.0
 """A ground station takes the circle off its map three seconds after the last message."""
 PLACE_FRESH_S = 1.0
+OVERHEAD_S = 30.0
+"""So long nothing more is said of ranges near overhead; they are counted."""
 SILENT = frozenset({Phase.RELEASED, Phase.FINISHED})
 """Phases in which nothing leaves that is no answer and no news: the aircraft is somebody else's."""
 TEXT_SEVERITY = {Phase.RELEASED: WARNING, Phase.RANGE_LOST: WARNING, Phase.BROKEN_OFF: WARNING}
@@ -152,6 +154,7 @@ class Flight:
         self._frames: list[bytes] = []
         self._signing_told = False
         self._clock_told = False
+        self._overhead_next_s = nan
         self._r_m = nan
         self._end_action = "hold"
 
@@ -184,6 +187,9 @@ class Flight:
             if rejected is None:
                 return
             result = rejected
+            if rejected.reason == "overhead" and not now_s < self._overhead_next_s:
+                self._overhead_next_s = now_s + OVERHEAD_S
+                self._say(now_s, f"near overhead, where a range tells nothing: {rejected.detail}", INFO)
         self._count(result)
 
     def _moving(self) -> bool:

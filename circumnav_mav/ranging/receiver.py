@@ -42,6 +42,12 @@ class Channel(NamedTuple):
     sensor_id: int | None
     beacon_id: int | None
 
+    def __str__(self) -> str:
+        """Return it in the words of the configuration: what would choose it."""
+        sender = None if self.sender is None else list(self.sender)
+        keys = (("from", sender), ("sensor_id", self.sensor_id), ("beacon_id", self.beacon_id))
+        return ", ".join(f"{key} {value}" for key, value in keys if value is not None) or "the only channel"
+
 
 class _Receiver:
     def __init__(self, source: Source, settings: Settings) -> None:

@@ -85,6 +85,19 @@ def test_where_the_saturated_law_circles():
     assert u(r, 0.0) == pytest.approx(-V / r, rel=2e-3)
 
 
+def test_the_turn_that_the_sliding_law_takes_at_the_knee():
+    """On r_dot = -chi, by differences of S = r_dot + chi along the motion: the turn that keeps S at 0."""
+    slope, chi = 2.0 * V / R_A, 0.8 * V
+    r, theta, h = 1.4 * R_A, math.acos(0.8), 1e-5
+
+    def rate(u):
+        turned = theta + (V * math.sin(theta) / r + u) * h
+        return (-V * math.cos(turned) + slope * (-V * math.cos(theta)) * h + chi) / h
+
+    needed = -rate(0.0) / (rate(1.0) - rate(0.0))
+    assert needed == pytest.approx(2.24 * V / R_A, rel=0.01)
+
+
 @pytest.mark.parametrize(("path", "rank"), [("circle", 5), ("straight", 3)])
 def test_what_a_path_shows_of_place_drift_and_scale(path, rank):
     """The sensitivity of the ranges to (p, w, s): all five on the circle, three on a straight line past the target."""

@@ -73,12 +73,11 @@ def test_a_beacon_that_jumps_is_found_again(estimator):
     assert flight.furthest(150.0) < 1.5
 
 
-@pytest.mark.parametrize("seed", [1, 2])
 @pytest.mark.parametrize("estimator", ["direct", "polar", "drift"])
 @pytest.mark.parametrize("jump_m", [(25.0, 10.0), (60.0, -40.0)])
-def test_a_beacon_that_jumps_among_thirty_per_cent_of_echoes_is_found_again(estimator, jump_m, seed):
+def test_a_beacon_that_jumps_among_thirty_per_cent_of_echoes_is_found_again(estimator, jump_m):
     law = "tangent" if estimator == "drift" else "hashemi2013"
-    echoes = {"outliers": 0.3, "outlier_mean_m": 40.0, "seed": seed}
+    echoes = {"outliers": 0.3, "outlier_mean_m": 40.0}
     flight = Flight(estimator=estimator, law=law, jump=(70.0, *jump_m), **echoes).fly(150.0)
     assert flight.furthest(60.0, 70.0) < 1.5, "on the circle before, in spite of the echoes"
     assert flight.furthest(70.5, 75.0) > 15.0, "a real jump"
