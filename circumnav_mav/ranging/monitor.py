@@ -20,8 +20,9 @@ class Status:
     """The last WINDOW_S in figures; NaN: not known yet.
 
     age_s: since the last range was true; delay_s: mean age of a range when it arrives, NaN where nothing tells (no
-    stamps and no latency_s); jitter_s: standard deviation of the time between arrivals; longest_gap_s: the longest time without one, the current one included; noise_m: standard
-    deviation of one range that its neighbours do not explain; accepted, rejected, details: since the start.
+    stamps and no latency_s); jitter_s: standard deviation of the time between arrivals; longest_gap_s: the longest time
+    without one, the current one included; noise_m: standard deviation of one range that its neighbours do not explain;
+    accepted, rejected, details: since the start.
     """
 
     rate_hz: float
