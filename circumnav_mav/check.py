@@ -6,11 +6,11 @@ from collections.abc import Iterator
 from math import nan, radians
 
 from circumnav_mav.config import Config, Limits, Vehicle
-from circumnav_mav.guidance.estimators import ESTIMATORS
+from circumnav_mav.config_defaults import told
 from circumnav_mav.guidance.laws import LAWS
 from circumnav_mav.guidance.laws.hashemi2013 import DEFAULT_KAPPA, gain
 from circumnav_mav.guidance.verdict import Finding, Flight, Severity, report, report_plain, verdict
-from circumnav_mav.ranging import SOURCES
+from circumnav_mav.ranging import SOURCES, MessageSource
 
 MARK: dict[Severity, str] = {"error": "ERROR  ", "warning": "warning", "info": "       "}
 
@@ -56,6 +56,8 @@ def idle_keys(config: Config) -> Iterator[str]:
     kind, given, source = config.vehicle_class, config.vehicle, SOURCES[config.ranging.source]
     if config.ranging.beacon_id is not None and not source.has_beacon_id:
         yield f"ranging.beacon_id does nothing: {source.name} carries no beacon's id"
+    if config.ranging.stamped_by == "autopilot" and not isinstance(source, MessageSource):
+        yield f"ranging.stamped_by does nothing: {source.name} is a device with a clock of its own"
     defaults = Vehicle.model_fields
     for key in ("pitch_deg", "thrust"):
         if getattr(given, key) != defaults[key].default and not kind.attitude:
@@ -72,7 +74,7 @@ def holds(found: list[Finding]) -> bool:
 def consequences(config: Config, found: list[Finding]) -> Iterator[str]:
     """Yield the lines that `circumnav check` prints, with what `findings` found."""
     orbit, ranging = config.orbit, config.ranging
-    law, estimator = LAWS[config.law.name], ESTIMATORS[config.estimator.name]
+    law = LAWS[config.law.name]
     yield f"vehicle    {config.vehicle.kind} on {config.vehicle.link}, engage: {config.engage}"
     yield f"it needs   {', '.join(' or '.join(group) for group in config.vehicle_class.needs)} from the autopilot"
     where = ranging.endpoint or "the vehicle's link"
@@ -80,7 +82,8 @@ def consequences(config: Config, found: list[Finding]) -> Iterator[str]:
     late = f"stale after {ranging.max_age_s:g} s, carried for {ranging.coast_s:g} s"
     yield f"range lost {late}, then {config.on_range_lost}"
     yield f"orbit      {orbit.radius_m:g} m {orbit.direction} at {orbit.speed_m_s:g} m/s"
-    yield f"guidance   {law.name} ({law.source}) on estimator {estimator.name}"
+    yield from (f"{heading:<10} {words}" for heading, words in told(config))
+    yield f"law        {law.name}: {law.source}"
     for finding in found:
         yield f"{MARK[finding.severity]}    {finding.text}"
     yield verdict(found)

@@ -41,7 +41,8 @@ def cross_checks(config: Config, guidance: GuidanceSettings) -> Iterator[tuple[s
         )
     law = LAWS[config.law.name]
     unknown = set(config.law.options) - set(law.options)
-    yield from (("law." + k, f"no option of {law.name}{nearest(k, law.options)}") for k in sorted(unknown))
+    whose = f", the law of {config.vehicle.kind}; to fly another, give law.name" * ("law.name" in config.defaulted)
+    yield from (("law." + k, f"no option of {law.name}{nearest(k, law.options) or whose}") for k in sorted(unknown))
     if not unknown:
         try:
             law.parameters({**law.options, **config.law.options}, config.law_context())

@@ -58,6 +58,10 @@ def test_check_passes_every_shipped_configuration_and_finds_no_idle_key_in_it(pa
     ("text", "words"),
     [
         ("ranging: {beacon_id: 3}", "ranging.beacon_id does nothing: distance_sensor"),
+        (
+            "ranging: {source: us_d1, endpoint: /dev/ttyUSB0, stamped_by: autopilot}",
+            "ranging.stamped_by does nothing: us_d1",
+        ),
         ("vehicle: {pitch_deg: -4}", "vehicle.pitch_deg does nothing: px4_multirotor"),
         ("vehicle: {thrust: 0.4}", "vehicle.thrust does nothing: px4_multirotor"),
         ("limits: {bank_deg: 20}", "limits.bank_deg does nothing: px4_multirotor"),

@@ -74,6 +74,18 @@ def test_a_beacon_that_jumps_is_found_again(estimator):
     assert flight.furthest(150.0) < 1.5
 
 
+@pytest.mark.parametrize("estimator", ["direct", "polar", "drift"])
+@pytest.mark.parametrize("jump_m", [(25.0, 10.0), (60.0, -40.0)])
+def test_a_beacon_that_jumps_among_thirty_per_cent_of_echoes_is_found_again(estimator, jump_m):
+    law = "tangent" if estimator == "drift" else "hashemi2013"
+    echoes = {"outliers": 0.3, "outlier_mean_m": 40.0}
+    flight = Flight(estimator=estimator, law=law, jump=(70.0, *jump_m), **echoes).fly(150.0)
+    assert flight.furthest(60.0, 70.0) < 1.5, "on the circle before, in spite of the echoes"
+    assert flight.furthest(70.5, 75.0) > 15.0, "a real jump"
+    assert flight.furthest(135.0) < 1.5, "on the circle about the new place"
+    assert flight.rejected["outlier"] > 0.7 * 0.3 * 1500
+
+
 @pytest.mark.parametrize("estimator", FILTERS)
 def test_twenty_seconds_without_ranges(estimator):
     flight = Flight(estimator=estimator, gaps=((110.0, 130.0),)).fly(160.0)

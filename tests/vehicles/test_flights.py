@@ -21,7 +21,8 @@ def airplane(name: str = "px4_fixed_wing", *, world: dict[str, Any] | None = Non
     app = config(
         vehicle={"class": name},
         orbit={"radius_m": 80.0, "speed_m_s": 12.0, **sections.pop("orbit", {})},
-        law={"kappa": 6.0},
+        law={"name": "hashemi2013", "kappa": 6.0},
+        estimator={"name": "direct"},
         ranging={"sigma_m": 1.0},
         limits={"turn_accel_rad_s2": 0.5, "bank_deg": BANK_DEG},
         **sections,

@@ -6,7 +6,7 @@ a late sample is put where it belongs, a dropout costs nothing, and an estimate 
 
 from __future__ import annotations
 
-from math import isnan, nan, sqrt
+from math import exp, isnan, nan, sqrt
 from typing import Any
 
 from circumnav_mav.guidance.estimators.noise import NoiseMeter
@@ -93,6 +93,20 @@ class FlyingEstimator:
     def covariance(self) -> tuple[float, ...]:
         """Return the variances that the estimator's module names, as of the last sample."""
         return self._kernels.covariance(self._bank)
+
+    def spread_m(self) -> float:
+        """Return how far the hypotheses lie from the leading one, rms by their weights: 0 once they agree.
+
+        `covariance` is the leader's own; while the ring is open it is this that says how little is known.
+        """
+        places = self._kernels.places(self._bank) if self._kernels.places is not None else []
+        if len(places) < 2:
+            return 0.0
+        x, y = places[0]
+        most = max(h.log_weight for h in self._bank)
+        weights = [exp(h.log_weight - most) for h in self._bank]
+        squares = ((px - x) ** 2 + (py - y) ** 2 for px, py in places)
+        return sqrt(sum(w * d for w, d in zip(weights, squares, strict=True)) / sum(weights))
 
     def sigma_r(self) -> float:
         """Return the standard deviation of the range at the last sample, m; NaN while unknown."""
