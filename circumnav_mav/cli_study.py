@@ -129,6 +129,7 @@ def tune(
     from_log: Annotated[
         Path | None, typer.Option(help="read noise, lag and wind out of this flight's directory")
     ] = None,
+    evaluations: Annotated[int, typer.Option(help="candidates flown for each pair", min=4)] = 96,
     keep: Annotated[bool, typer.Option("--keep-pair", help="keep law and estimator, tune their gains only")] = False,
     seed: Seed = 1,
     plot: Annotated[
@@ -158,7 +159,14 @@ def tune(
             typer.echo(f"from the log: {seen}")
         with executor(scheduler) as pool, _bar("searching") as tell:
             tuned = search.tune(
-                settings, aircraft, seed=seed, keep_pair=keep, workers=workers, executor=pool, progress=tell
+                settings,
+                aircraft,
+                seed=seed,
+                evaluations=evaluations,
+                keep_pair=keep,
+                workers=workers,
+                executor=pool,
+                progress=tell,
             )
         rows, whole = tune_report.table(tuned), len(search.pareto(tuned.flown))
         typer.echo(

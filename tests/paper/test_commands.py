@@ -73,11 +73,13 @@ def test_what_is_no_kept_study_is_refused_in_words(tmp_path, content):
     assert run("study", "--load", tmp_path / "none").exit_code == 2
 
 
-def test_another_law_on_an_estimator_is_swept_alike(tmp_path):
-    done = run("study", *SHORT, "--law", "pd_bias", "--estimator", "polar", "--json", tmp_path / "a.json")
+@pytest.mark.parametrize(("law", "estimator"), [("pd_bias", None), ("hashemi2013", "direct")])
+def test_another_law_and_an_estimator_are_swept_alike(tmp_path, law, estimator):
+    on = ("--estimator", estimator) if estimator else ()
+    done = run("study", *SHORT, "--law", law, *on, "--json", tmp_path / "a.json")
     assert done.exit_code == 0, done.stderr
     told = json.loads((tmp_path / "a.json").read_text())
-    assert (told["options"]["law"], told["options"]["estimator"]) == ("pd_bias", "polar")
+    assert (told["options"]["law"], told["options"]["estimator"]) == (law, estimator)
     assert told["calm"]["k"] == [0.4, 1.0]
     assert all(value < 1.0 for value in told["calm"]["mse_tail"])
 
@@ -103,15 +105,16 @@ def test_what_cannot_be_studied_is_refused_in_words(arguments, words):
 def test_tune_writes_what_it_says(tmp_path, config, monkeypatch):
     pytest.importorskip("optuna", reason="needs the extra circumnav-mav[study]")
     whole = tune.tune
-    monkeypatch.setattr(tune, "tune", lambda *a, **o: whole(*a, **o, evaluations=4, runs=2, fresh_runs=3))
-    done = run("tune", config, "--keep-pair", "--out", tmp_path / "new.yaml", "--json", tmp_path / "new.json")
+    monkeypatch.setattr(tune, "tune", lambda *a, **o: whole(*a, **o, runs=2, fresh_runs=3))
+    few = ("--evaluations", 4, "--keep-pair")
+    done = run("tune", config, *few, "--out", tmp_path / "new.yaml", "--json", tmp_path / "new.json")
     assert done.exit_code == 0, done.stderr
     assert (tmp_path / "new.png").read_bytes().startswith(b"\x89PNG")
     assert json.loads((tmp_path / "new.json").read_text())["aircraft"]["wind_m_s"] == 1.0
     assert run("check", tmp_path / "new.yaml").exit_code == 0
     for word in ("rms worst m", "before", "after", "written", "picture"):
         assert word in done.stdout
-    none = run("tune", config, "--keep-pair", "--out", tmp_path / "no.yaml", "--no-plot", "--wind", "0.5")
+    none = run("tune", config, *few, "--out", tmp_path / "no.yaml", "--no-plot", "--wind", "0.5")
     assert none.exit_code == 0
     assert "up to 0.5 m/s" in (tmp_path / "no.yaml").read_text()
     assert not (tmp_path / "no.png").exists()
