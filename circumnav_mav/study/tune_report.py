@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
 from matplotlib.figure import Figure
-from matplotlib.ticker import ScalarFormatter
+from matplotlib.ticker import LogLocator, MaxNLocator, NullLocator
 
 from circumnav_mav.study.aircraft import Gains
 from circumnav_mav.study.tune import Score, Tuned, most_effort, pareto
@@ -131,11 +131,12 @@ def draw(tuned: Tuned, file: Path) -> None:
             axes.plot([x(score)], [y(score)], marker, ms=9, label=f"{label}, on fresh noise")
         axes.set(xscale="log", yscale="log", xlabel=x_label, ylabel=y_label)
         for axis in (axes.xaxis, axes.yaxis):
-            axis.set_major_formatter(ScalarFormatter())
             low, high = axis.get_view_interval()
-            axis.set_minor_formatter(ScalarFormatter() if high < 10.0 * low else "")
-        axes.tick_params(which="both", labelsize=7)
-        axes.grid(alpha=0.3, which="both")
+            axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)) if high > 4.0 * low else MaxNLocator(6))
+            axis.set_major_formatter("{x:g}")
+            axis.set_minor_locator(NullLocator())
+        axes.tick_params(labelsize=7)
+        axes.grid(alpha=0.3)
     panels[-1].legend(fontsize=7)
     figure.suptitle(
         f"{len(tuned.flown)} candidates for {tuned.aircraft.V_m_s:g} m/s on {tuned.aircraft.r_a_m:g} m", fontsize=10
