@@ -59,7 +59,7 @@ def _path(
     _scene(axes, plant, k)
     axes.plot(rows["x_m"], rows["y_m"], color=PATH, linewidth=0.8, label="path")
     axes.plot(rows["x_m"][:1], rows["y_m"][:1], "o", color="tab:green", markersize=5, label="start")
-    axes.legend(loc="upper right", fontsize=7)
+    axes.legend(loc="lower left", fontsize=7)
 
 
 def _circle(axes: Axes, radius_m: float, label: str, **style: Any) -> None:
@@ -94,7 +94,7 @@ def _from_inside(axes: Axes, result: StudyResult) -> None:
     assert orbits is not None  # kappa is 10
     _path(axes, result.options, None, k, x_m=-orbits[0], y_m=0.0, heading_rad=1.5 * math.pi)
     _circle(axes, orbits[0], "$r_{i-}$", color="tab:gray", linewidth=1.0)
-    axes.legend(loc="upper right", fontsize=7)
+    axes.legend(loc="lower left", fontsize=7)
 
 
 def _against_gain(axes: Axes, result: StudyResult, air: str, what: str, label: str) -> None:
