@@ -12,13 +12,16 @@ from circumnav_mav.guidance.laws.hashemi2013 import DEFAULT_KAPPA, gain
 from circumnav_mav.guidance.verdict import Finding, Flight, Severity, report, report_plain, verdict
 from circumnav_mav.ranging import SOURCES, MessageSource
 
+PROVEN = "hashemi2013"
+"""The law that the paper's recurrence bound is about: its outer half alone has none."""
+
 MARK: dict[Severity, str] = {"error": "ERROR  ", "warning": "warning", "info": "       "}
 
 
 def findings(config: Config) -> list[Finding]:
     """Return what the theory says of this configuration, and which keys do nothing in it, gravest first."""
     orbit = config.orbit
-    of_paper = "kappa" in LAWS[config.law.name].options
+    of_paper = "k" in LAWS[config.law.name].options  # the paper's gain and r_s; pd_bias has a kappa of its own
     kappa = gain(config.law.options, orbit.radius_m) if of_paper else DEFAULT_KAPPA
     flight = Flight(
         r_a=orbit.radius_m,
@@ -26,12 +29,16 @@ def findings(config: Config) -> list[Finding]:
         V=orbit.speed_m_s,
         turn_rate_limit=config.turn_rate_limit_rad_s,
         # What the velocity lead does not take out of the vehicle's lag, and half a tick of holding a command.
-        lag_s=config.vehicle_class.turn_lag_s + abs(config.vehicle_class.lead_s - config.lead_s),
+        lag_s=config.turn_lag_s + abs(config.vehicle_class.lead_s - config.lead_s),
         update_s=1.0 / config.loop.rate_hz,
         bank_limit=radians(config.limits.bank_deg) if config.vehicle_class.banks else nan,
+        wind=nan if config.study.wind_m_s is None else config.study.wind_m_s,
+        over_ground=config.vehicle_class.speed == "ground",
     )
     idle = [Finding("warning", "idle", text) for text in idle_keys(config)]
     found = report(flight) if of_paper else report_plain(flight)
+    if config.law.name != PROVEN:
+        found = [finding for finding in found if finding.topic != "recurrence"]
     return sorted([*found, *suits(config), *idle], key=lambda finding: list(MARK).index(finding.severity))
 
 

@@ -197,6 +197,14 @@ class Record(Section):
     tlog: bool = True
 
 
+class Study(Section):
+    """What `check` and `tune` reckon with; no flight reads it."""
+
+    wind_m_s: NotNegative | None = None
+    range_rate_hz: Positive = 10.0
+    turn_lag_s: NotNegative | None = None
+
+
 class Config(Section):
     """The whole file."""
 
@@ -211,6 +219,7 @@ class Config(Section):
     engage: Literal["pilot", "auto"] = "pilot"
     on_range_lost: Literal["hold", "stop", "return", "land"] = "hold"
     record: Record = Record()
+    study: Study = Study()
     _defaulted: tuple[str, ...] = PrivateAttr(())
 
     @model_validator(mode="wrap")
@@ -249,6 +258,11 @@ class Config(Section):
         limits = self.limits
         bank_rad = radians(limits.bank_deg)
         return self.vehicle_class.turn_rate_limit(limits.turn_rate_rad_s, bank_rad, self.orbit.speed_m_s)
+
+    @property
+    def turn_lag_s(self) -> float:
+        """How far the turn rate lags: study.turn_lag_s, or what was measured for the class."""
+        return self.vehicle_class.turn_lag_s if self.study.turn_lag_s is None else self.study.turn_lag_s
 
     @property
     def lead_s(self) -> float:

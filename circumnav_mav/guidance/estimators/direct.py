@@ -145,10 +145,13 @@ def observe(bank: list[Side], mem: Memory, m: Moved, z: Reading, par: Parameters
 
 
 def carry(bank: list[Side], mem: Memory, m: Moved, par: Parameters) -> Estimate:
-    """Return the estimate of the likelier side after a motion. theta is that of its side."""
+    """Return the estimate of the likelier side after a motion. theta is that of its side.
+
+    Near overhead a reading can draw the filter below 0; no range is, and no law is asked what to do at one.
+    """
     h = predict(bank[best_of(bank)], m, par)
     theta = h.side * acos(min(max(-h.r_dot / m.V, -1.0), 1.0)) if m.V > 0.0 else nan
-    return Estimate(h.r, h.r_dot, m.V, m.u, theta, m.psi, nan, nan, nan, nan)
+    return Estimate(max(h.r, 0.0), h.r_dot, m.V, m.u, theta, m.psi, nan, nan, nan, nan)
 
 
 def covariance(bank: list[Side]) -> tuple[float, ...]:
