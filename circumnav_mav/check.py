@@ -6,11 +6,14 @@ from collections.abc import Iterator
 from math import nan, radians
 
 from circumnav_mav.config import Config, Limits, Vehicle
-from circumnav_mav.guidance.estimators import ESTIMATORS
+from circumnav_mav.config_defaults import told
 from circumnav_mav.guidance.laws import LAWS
 from circumnav_mav.guidance.laws.hashemi2013 import DEFAULT_KAPPA, gain
 from circumnav_mav.guidance.verdict import Finding, Flight, Severity, report, report_plain, verdict
-from circumnav_mav.ranging import SOURCES
+from circumnav_mav.ranging import SOURCES, MessageSource
+
+PROVEN = "hashemi2013"
+"""The law that the paper's recurrence bound is about: its outer half alone has none."""
 
 MARK: dict[Severity, str] = {"error": "ERROR  ", "warning": "warning", "info": "       "}
 
@@ -18,7 +21,7 @@ MARK: dict[Severity, str] = {"error": "ERROR  ", "warning": "warning", "info": "
 def findings(config: Config) -> list[Finding]:
     """Return what the theory says of this configuration, and which keys do nothing in it, gravest first."""
     orbit = config.orbit
-    of_paper = "kappa" in LAWS[config.law.name].options
+    of_paper = "k" in LAWS[config.law.name].options  # the paper's gain and r_s; pd_bias has a kappa of its own
     kappa = gain(config.law.options, orbit.radius_m) if of_paper else DEFAULT_KAPPA
     flight = Flight(
         r_a=orbit.radius_m,
@@ -26,12 +29,16 @@ def findings(config: Config) -> list[Finding]:
         V=orbit.speed_m_s,
         turn_rate_limit=config.turn_rate_limit_rad_s,
         # What the velocity lead does not take out of the vehicle's lag, and half a tick of holding a command.
-        lag_s=config.vehicle_class.turn_lag_s + abs(config.vehicle_class.lead_s - config.lead_s),
+        lag_s=config.turn_lag_s + abs(config.vehicle_class.lead_s - config.lead_s),
         update_s=1.0 / config.loop.rate_hz,
         bank_limit=radians(config.limits.bank_deg) if config.vehicle_class.banks else nan,
+        wind=nan if config.study.wind_m_s is None else config.study.wind_m_s,
+        over_ground=config.vehicle_class.speed == "ground",
     )
     idle = [Finding("warning", "idle", text) for text in idle_keys(config)]
     found = report(flight) if of_paper else report_plain(flight)
+    if config.law.name != PROVEN:
+        found = [finding for finding in found if finding.topic != "recurrence"]
     return sorted([*found, *suits(config), *idle], key=lambda finding: list(MARK).index(finding.severity))
 
 
@@ -56,6 +63,8 @@ def idle_keys(config: Config) -> Iterator[str]:
     kind, given, source = config.vehicle_class, config.vehicle, SOURCES[config.ranging.source]
     if config.ranging.beacon_id is not None and not source.has_beacon_id:
         yield f"ranging.beacon_id does nothing: {source.name} carries no beacon's id"
+    if config.ranging.stamped_by == "autopilot" and not isinstance(source, MessageSource):
+        yield f"ranging.stamped_by does nothing: {source.name} is a device with a clock of its own"
     defaults = Vehicle.model_fields
     for key in ("pitch_deg", "thrust"):
         if getattr(given, key) != defaults[key].default and not kind.attitude:
@@ -72,7 +81,7 @@ def holds(found: list[Finding]) -> bool:
 def consequences(config: Config, found: list[Finding]) -> Iterator[str]:
     """Yield the lines that `circumnav check` prints, with what `findings` found."""
     orbit, ranging = config.orbit, config.ranging
-    law, estimator = LAWS[config.law.name], ESTIMATORS[config.estimator.name]
+    law = LAWS[config.law.name]
     yield f"vehicle    {config.vehicle.kind} on {config.vehicle.link}, engage: {config.engage}"
     yield f"it needs   {', '.join(' or '.join(group) for group in config.vehicle_class.needs)} from the autopilot"
     where = ranging.endpoint or "the vehicle's link"
@@ -80,7 +89,8 @@ def consequences(config: Config, found: list[Finding]) -> Iterator[str]:
     late = f"stale after {ranging.max_age_s:g} s, carried for {ranging.coast_s:g} s"
     yield f"range lost {late}, then {config.on_range_lost}"
     yield f"orbit      {orbit.radius_m:g} m {orbit.direction} at {orbit.speed_m_s:g} m/s"
-    yield f"guidance   {law.name} ({law.source}) on estimator {estimator.name}"
+    yield from (f"{heading:<10} {words}" for heading, words in told(config))
+    yield f"law        {law.name}: {law.source}"
     for finding in found:
         yield f"{MARK[finding.severity]}    {finding.text}"
     yield verdict(found)

@@ -25,6 +25,7 @@ from circumnav_mav.runtime.session import Crash, Outcome, fly
 from circumnav_mav.runtime.systemd import as_a_service
 from circumnav_mav.runtime.transport import LinkError
 from circumnav_mav.runtime.view import open_view
+from circumnav_mav.writable import refusal
 
 EXIT_FLIGHT, EXIT_USAGE, EXIT_LINK, EXIT_WARNINGS, EXIT_CRASH = 1, 2, 3, 4, 70
 DONE = ("completed",)
@@ -168,17 +169,10 @@ cli_study.register(app)
 
 def _try_to_write(path: Path | None) -> None:
     """Leave with one line where a file cannot be written: before the flight, and without touching what is in it."""
-    if path is None or (path.exists() and not path.is_file() and not path.is_dir()):
-        return  # a pipe or a terminal takes what comes, and only once
-    there = path.exists()
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.open("ab").close()
-        if not there:
-            path.unlink()
-    except OSError as error:
-        _complain(f"cannot write {path}: {error.strerror or error}")
-        raise typer.Exit(EXIT_USAGE) from None
+    trouble = refusal(path)
+    if trouble:
+        _complain(trouble)
+        raise typer.Exit(EXIT_USAGE)
 
 
 def _finish(outcome: Outcome, json: Path | None) -> None:

@@ -10,8 +10,12 @@ from typing import Annotated, NoReturn
 
 import typer
 
+from circumnav_mav.writable import refusal, refusal_of_folder
+
 Seed = Annotated[int, typer.Option(help="of every random draw", min=0, max=2**63 - 1)]
 JsonFile = Annotated[Path | None, typer.Option("--json", help="write the figures to this file")]
+Workers = Annotated[int | None, typer.Option(help="threads; default one a core", min=1)]
+Scheduler = Annotated[str | None, typer.Option(help="a Dask scheduler, tcp://HOST:PORT, instead of threads")]
 Several = list[str] | None
 EXIT_USAGE = 2
 
@@ -24,22 +28,47 @@ def study(
     window: Annotated[
         float, typer.Option(help="share of the run, at its end, that counts as its tail", min=0.01, max=1)
     ] = 0.5,
+    gains: Annotated[
+        str | None, typer.Option(help="gains k in rad/m, such as 0.2,0.5,1; default the paper's 20")
+    ] = None,
+    law: Annotated[str, typer.Option(help="a law with a gain: the paper's, or one to set beside it")] = "hashemi2013",
+    estimator: Annotated[
+        str | None, typer.Option(help="fly on this estimator; default none: true range, noisy range rate, as the paper")
+    ] = None,
     figures: Annotated[Path | None, typer.Option(help="draw the twelve figures into this folder (PNG and SVG)")] = None,
-    workers: Annotated[int | None, typer.Option(help="threads; default one a core", min=1)] = None,
-    scheduler: Annotated[str | None, typer.Option(help="a Dask scheduler, tcp://HOST:PORT, instead of threads")] = None,
+    save: Annotated[Path | None, typer.Option(help="keep every run's statistics in this file (.npz)")] = None,
+    load: Annotated[Path | None, typer.Option(help="show what --save kept instead of flying")] = None,
+    workers: Workers = None,
+    scheduler: Scheduler = None,
 ) -> None:
     """Reproduce the paper's simulations: mean squares against the gain, calm and in wind, with confidence intervals."""
+    _before_the_work([json, save], figures)
     with _extras(), _in_words():
         from circumnav_mav.study import paper, paper_figures
         from circumnav_mav.study.scheduler import executor
 
-        options = paper.Options(runs=runs, seed=seed, start_m=_pair(start), window=window, workers=workers)
-        with executor(scheduler) as pool, _bar("flying") as tell:
-            result = paper.run(options, tell, pool)
+        if load is not None:
+            result = paper.load(load)
+        else:
+            options = paper.Options(
+                runs=runs,
+                seed=seed,
+                start_m=_pair(start),
+                window=window,
+                gains_rad_m=paper.GAINS if gains is None else _numbers("--gains", gains),
+                workers=workers,
+                law=law,
+                estimator=estimator,
+            )
+            with executor(scheduler) as pool, _bar("flying") as tell:
+                result = paper.run(options, tell, pool)
         typer.echo(f"{result.steps} trajectory-steps in {result.elapsed_s:.2f} s: {result.rate_hz:.3g} a second")
         for air in paper.AIRS:
             typer.echo(f"\n{air}")
             _print_table(result.table(air))
+        if save is not None:
+            paper.save(result, save)
+            typer.echo(f"\nkept       {save}")
         if figures is not None:
             with _bar("drawing") as tell:
                 files = paper_figures.draw(result, figures, tell)
@@ -56,18 +85,22 @@ def compare(
     runs: Annotated[int, typer.Option(help="flights a row", min=1)] = 1000,
     seed: Seed = 1,
     json: JsonFile = None,
+    workers: Workers = None,
+    scheduler: Scheduler = None,
 ) -> None:
     """Fly laws and estimators over the named scenarios, many seeds each, and print a row for each."""
+    _before_the_work([json])
     with _extras(), _in_words():
         from circumnav_mav.guidance.estimators import ESTIMATORS
         from circumnav_mav.guidance.laws import LAWS
         from circumnav_mav.study import compare as study_compare
         from circumnav_mav.study.scenarios import SCENARIOS
+        from circumnav_mav.study.scheduler import executor
 
         best_law, best_estimator = study_compare.BEST
         laws = law or (list(LAWS) if everything else [best_law])
         estimators = estimator or (list(ESTIMATORS) if everything else [best_estimator])
-        with _bar("flying") as tell:
+        with executor(scheduler) as pool, _bar("flying") as tell:
             rows = study_compare.compare(
                 scenario or list(SCENARIOS),
                 laws,
@@ -75,6 +108,8 @@ def compare(
                 runs,
                 seed,
                 lambda title, done, whole: tell(done, whole),
+                workers,
+                pool,
             )
         typer.echo(study_compare.table(rows))
         if json is not None:
@@ -86,37 +121,65 @@ def tune(
     out: Annotated[Path, typer.Option(help="write the configuration with the gains found here")] = Path("tuned.yaml"),
     wind: Annotated[
         float | None,
-        typer.Option(help="strongest wind [m/s], default a fifth of the speed; 0 where ground speed is held", min=0),
+        typer.Option(help="strongest wind [m/s]; default study.wind_m_s, or else a fifth of the speed", min=0),
     ] = None,
-    range_rate: Annotated[float, typer.Option(help="ranges a second", min=0.1)] = 10.0,
+    range_rate: Annotated[
+        float | None, typer.Option(help="ranges a second; default study.range_rate_hz", min=0.1)
+    ] = None,
     from_log: Annotated[
         Path | None, typer.Option(help="read noise, lag and wind out of this flight's directory")
     ] = None,
+    evaluations: Annotated[int, typer.Option(help="candidates flown for each pair", min=4)] = 96,
     keep: Annotated[bool, typer.Option("--keep-pair", help="keep law and estimator, tune their gains only")] = False,
     seed: Seed = 1,
     plot: Annotated[
-        Path | None, typer.Option(help="draw error against effort, with the Pareto front, to this PNG")
+        Path | None, typer.Option(help="draw the Pareto set to this PNG; default beside --out", show_default=False)
     ] = None,
+    no_plot: Annotated[bool, typer.Option("--no-plot", help="draw nothing")] = False,
+    json: Annotated[Path | None, typer.Option("--json", help="write the Pareto set and the verdict here")] = None,
+    workers: Workers = None,
+    scheduler: Scheduler = None,
 ) -> None:
     """Find gains for your aircraft by flying it in simulation; write a configuration that `fly` takes as it is."""
+    plot = None if no_plot else plot or out.with_suffix(".png")
+    _before_the_work([out, plot, json])
     with _extras(), _in_words():
         from circumnav_mav.config import load
         from circumnav_mav.study import tune as search
         from circumnav_mav.study import tune_report
+        from circumnav_mav.study.aircraft import Aircraft
         from circumnav_mav.study.from_log import look
+        from circumnav_mav.study.scheduler import executor
 
         settings = load(config)
-        aircraft = search.Aircraft.of(settings, wind, range_rate)
+        aircraft = Aircraft.of(settings, wind, range_rate)
         if from_log is not None:
             seen = look(from_log)
             aircraft = aircraft.as_seen(seen)
             typer.echo(f"from the log: {seen}")
-        with _bar("searching") as tell:
-            tuned = search.tune(settings, aircraft, seed=seed, keep_pair=keep, progress=tell)
+        with executor(scheduler) as pool, _bar("searching") as tell:
+            tuned = search.tune(
+                settings,
+                aircraft,
+                seed=seed,
+                evaluations=evaluations,
+                keep_pair=keep,
+                workers=workers,
+                executor=pool,
+                progress=tell,
+            )
+        rows, whole = tune_report.table(tuned), len(search.pareto(tuned.flown))
+        typer.echo(
+            f"{len(rows) - 1} of {whole} that none beats in effort, both errors and settling, as the search saw:"
+        )
+        _print_table(rows, left=1)
+        typer.echo(f"\non {tuned.fresh_runs} fresh runs in each of three situations:")
         for line in tune_report.lines(tuned):
             typer.echo(line)
         out.write_text(tune_report.yaml_text(config.read_text(encoding="utf-8"), tuned, seed), encoding="utf-8")
         typer.echo(f"written    {out}")
+        if json is not None:
+            json.write_text(tune_report.to_json(tuned, seed), encoding="utf-8")
         if plot is not None:
             tune_report.draw(tuned, plot)
             typer.echo(f"picture    {plot}")
@@ -134,7 +197,8 @@ def _bar(title: str) -> Iterator[Callable[[int, int], None]]:
     from rich.console import Console
     from rich.progress import Progress
 
-    with Progress(console=Console(stderr=True), transient=True) as bar:
+    console = Console(stderr=True)
+    with Progress(console=console, transient=True, disable=not console.is_terminal) as bar:
         task = bar.add_task(title, total=None)
         yield lambda done, whole: bar.update(task, completed=done, total=whole)
 
@@ -153,8 +217,17 @@ def _in_words() -> Iterator[None]:
         yield
     except ValueError as error:
         _fail(str(error))
+    except BrokenPipeError:
+        raise  # who reads has had enough: `circumnav study | head`
     except OSError as error:
         _fail(f"{error.filename}: {error.strerror}" if error.filename else str(error))
+
+
+def _before_the_work(files: list[Path | None], folder: Path | None = None) -> None:
+    """Leave with one line where something could not be written in the end."""
+    for trouble in (*map(refusal, files), refusal_of_folder(folder)):
+        if trouble:
+            _fail(trouble)
 
 
 def _fail(text: str) -> NoReturn:
@@ -163,16 +236,28 @@ def _fail(text: str) -> NoReturn:
 
 
 def _pair(text: str) -> tuple[float, float]:
+    numbers = _numbers("--start", text)
+    if len(numbers) != 2:
+        raise ValueError(f"--start wants two numbers such as -20,0, not '{text}'")
+    return numbers[0], numbers[1]
+
+
+def _numbers(option: str, text: str) -> tuple[float, ...]:
     try:
-        x, y = (float(part) for part in text.split(","))
+        numbers = tuple(float(part) for part in text.split(","))
     except ValueError:
-        raise ValueError(f"--start wants two numbers such as -20,0, not '{text}'") from None
-    if not (isfinite(x) and isfinite(y)):
-        raise ValueError(f"--start wants two finite numbers, not '{text}'")
-    return x, y
+        raise ValueError(f"{option} wants numbers with commas between them, not '{text}'") from None
+    if not all(map(isfinite, numbers)):
+        raise ValueError(f"{option} wants finite numbers, not '{text}'")
+    return numbers
 
 
-def _print_table(rows: list[list[str]]) -> None:
+def _print_table(rows: list[list[str]], left: int = 0) -> None:
+    """Print columns, figures to the right; the last `left` ones are words, to the left."""
     widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
+    words = len(widths) - left
     for row in rows:
-        typer.echo("  ".join(cell.rjust(width) for cell, width in zip(row, widths, strict=True)))
+        cells = [
+            cell.rjust(width) if n < words else cell for n, (cell, width) in enumerate(zip(row, widths, strict=True))
+        ]
+        typer.echo("  ".join(cells))

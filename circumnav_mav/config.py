@@ -2,16 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from math import inf, nan, radians
 from pathlib import Path as FilePath
 from typing import Annotated, Any, Literal, NamedTuple
 
 import yaml
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, FiniteFloat, ValidationError
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    FiniteFloat,
+    ModelWrapValidatorHandler,
+    PrivateAttr,
+    ValidationError,
+    model_validator,
+)
 
 from circumnav_mav import endpoint
 from circumnav_mav.config_checks import cross_checks, nearest
+from circumnav_mav.config_defaults import USUAL_VEHICLE, with_defaults
 from circumnav_mav.guidance.computer import GuidanceSettings
 from circumnav_mav.guidance.estimators import ESTIMATORS
 from circumnav_mav.guidance.kernel import LawContext
@@ -68,7 +80,7 @@ class Section(BaseModel):
 class Vehicle(Section):
     """The aircraft and the link to it."""
 
-    kind: Annotated[str, _one_of("vehicle class", VEHICLES)] = Field("px4_multirotor", alias="class")
+    kind: Annotated[str, _one_of("vehicle class", VEHICLES)] = Field(USUAL_VEHICLE, alias="class")
     link: Link = "udpin://0.0.0.0:14540"
     library: Literal["pymavlink", "mavsdk"] = "pymavlink"
     system_id: Whole | None = Field(None, ge=1, le=255)
@@ -96,6 +108,7 @@ class Ranging(Section):
     min_quality_pct: Finite | None = Field(None, ge=0, le=100)
     stuck_s: NotNegative | None = None
     use_stamps: bool = True
+    stamped_by: Literal["sender", "autopilot"] = "sender"
     max_age_s: Positive = 1.0
     coast_s: NotNegative = 20.0
     bias_m: Finite = 0.0
@@ -134,15 +147,15 @@ class Named(BaseModel):
 
 
 class LawChoice(Named):
-    """The guidance law and its gains."""
+    """The guidance law and its gains. Not named: that of the vehicle class."""
 
-    name: Annotated[str, _one_of("law", LAWS)] = "hashemi2013"
+    name: Annotated[str, _one_of("law", LAWS)]
 
 
 class EstimatorChoice(Named):
-    """What turns ranges into what the law needs."""
+    """What turns ranges into what the law needs. Not named: that of the vehicle class."""
 
-    name: Annotated[str, _one_of("estimator", ESTIMATORS)] = "direct"
+    name: Annotated[str, _one_of("estimator", ESTIMATORS)]
 
 
 class Limits(Section):
@@ -184,20 +197,46 @@ class Record(Section):
     tlog: bool = True
 
 
+class Study(Section):
+    """What `check` and `tune` reckon with; no flight reads it."""
+
+    wind_m_s: NotNegative | None = None
+    range_rate_hz: Positive = 10.0
+    turn_lag_s: NotNegative | None = None
+
+
 class Config(Section):
     """The whole file."""
 
     vehicle: Vehicle = Vehicle()  # type: ignore[call-arg]
     ranging: Ranging = Ranging()  # type: ignore[call-arg]
     orbit: Orbit = Orbit()
-    law: LawChoice = Field(default_factory=lambda: LawChoice.model_validate({}))
-    estimator: EstimatorChoice = Field(default_factory=lambda: EstimatorChoice.model_validate({}))
+    law: LawChoice = Field(default=...)
+    estimator: EstimatorChoice = Field(default=...)
     limits: Limits = Limits()  # type: ignore[call-arg]
     safety: Safety = Safety()
     loop: Loop = Loop()
     engage: Literal["pilot", "auto"] = "pilot"
     on_range_lost: Literal["hold", "stop", "return", "land"] = "hold"
     record: Record = Record()
+    study: Study = Study()
+    _defaulted: tuple[str, ...] = PrivateAttr(())
+
+    @model_validator(mode="wrap")
+    @classmethod
+    def _fill_in(cls, data: Any, validate: ModelWrapValidatorHandler[Config]) -> Config:
+        """Fill in what the vehicle class decides where the file does not."""
+        if not isinstance(data, Mapping):
+            return validate(data)
+        filled, defaulted = with_defaults(data)
+        config = validate(filled)
+        config._defaulted = defaulted
+        return config
+
+    @property
+    def defaulted(self) -> tuple[str, ...]:
+        """Paths of the settings that the vehicle class decided: the file does not name them."""
+        return self._defaulted
 
     def law_context(self) -> LawContext:
         """Return what a law's parameters are made from."""
@@ -221,6 +260,11 @@ class Config(Section):
         return self.vehicle_class.turn_rate_limit(limits.turn_rate_rad_s, bank_rad, self.orbit.speed_m_s)
 
     @property
+    def turn_lag_s(self) -> float:
+        """How far the turn rate lags: study.turn_lag_s, or what was measured for the class."""
+        return self.vehicle_class.turn_lag_s if self.study.turn_lag_s is None else self.study.turn_lag_s
+
+    @property
     def lead_s(self) -> float:
         """How far the velocity runs ahead of the nose: vehicle.lead_s, or what was measured for the class."""
         return self.vehicle_class.lead_s if self.vehicle.lead_s is None else self.vehicle.lead_s
@@ -238,7 +282,7 @@ class Config(Section):
         )
 
 
-RESTARTS_A_MINUTE = 3
+RESTARTS_A_MINUTE = 5
 """So many restarts of the estimator within a minute mean that ranges and motion do not belong together."""
 
 

@@ -41,7 +41,8 @@ def cross_checks(config: Config, guidance: GuidanceSettings) -> Iterator[tuple[s
         )
     law = LAWS[config.law.name]
     unknown = set(config.law.options) - set(law.options)
-    yield from (("law." + k, f"no option of {law.name}{nearest(k, law.options)}") for k in sorted(unknown))
+    whose = f", the law of {config.vehicle.kind}; to fly another, give law.name" * ("law.name" in config.defaulted)
+    yield from (("law." + k, f"no option of {law.name}{nearest(k, law.options) or whose}") for k in sorted(unknown))
     if not unknown:
         try:
             law.parameters({**law.options, **config.law.options}, config.law_context())
@@ -63,6 +64,7 @@ def cross_checks(config: Config, guidance: GuidanceSettings) -> Iterator[tuple[s
     yield from _ranging_checks(config.ranging)
     if config.ranging.endpoint and endpoint.parse(config.ranging.endpoint) == endpoint.parse(config.vehicle.link):
         yield "ranging.endpoint", "is vehicle.link: leave it out, and ranges are taken from that link"
+    yield from _study_checks(config)
     if config.ranging.sender and config.ranging.sender[1] == 1:
         yield "ranging.from", "component 1 is the autopilot: its own range finder and its echoes are never flown on"
 
@@ -113,6 +115,16 @@ def _vehicle_checks(config: Config) -> Iterator[tuple[str, str]]:
         yield "engage", f"auto takes off, and {vehicle.name} does not: engage: pilot"
     if config.on_range_lost == "land" and vehicle.words.land is None:
         yield "on_range_lost", f"{vehicle.words.autopilot} has no landing mode: hold, return or stop"
+
+
+def _study_checks(config: Config) -> Iterator[tuple[str, str]]:
+    wind_m_s, speed_m_s = config.study.wind_m_s, config.orbit.speed_m_s
+    if wind_m_s is not None and wind_m_s >= speed_m_s and config.vehicle_class.speed != "ground":
+        yield (
+            "study.wind_m_s",
+            f"a wind of {wind_m_s:g} m/s is as fast as orbit.speed_m_s = {speed_m_s:g}: no circle over the ground can "
+            "be held; fly faster, or not in such a wind",
+        )
 
 
 def _age_checks(ranging: Ranging) -> Iterator[tuple[str, str]]:

@@ -10,10 +10,11 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable
-from math import inf, nan
+from math import inf, isfinite, nan
 from typing import NamedTuple
 
 from circumnav_mav.config import Config, guidance_settings
+from circumnav_mav.config_defaults import told
 from circumnav_mav.guidance.computer import Decision, GuidanceComputer, Status
 from circumnav_mav.guidance.kernel import Motion
 from circumnav_mav.guidance.phases import ENGAGED, Phase
@@ -30,6 +31,7 @@ from circumnav_mav.mavlink.vehicles import VEHICLES
 from circumnav_mav.mavlink.vehicles.believed import BelievedSpeed
 from circumnav_mav.mavlink.vehicles.fitness import Fitness, Unfit
 from circumnav_mav.range_feed import RangeFeed
+from circumnav_mav.ranging import MessageReceiver
 from circumnav_mav.types import RangeSample, Rejected
 
 VEHICLE, RANGING = "vehicle", "ranging"
@@ -40,6 +42,10 @@ MOVING_M_S = 1.0
 MAP_S = 1.0
 """A ground station takes the circle off its map three seconds after the last message."""
 PLACE_FRESH_S = 1.0
+OVERHEAD_S = 30.0
+"""So long nothing more is said of ranges near overhead; they are counted."""
+SILENT = frozenset({Phase.RELEASED, Phase.FINISHED})
+"""Phases in which nothing leaves that is no answer and no news: the aircraft is somebody else's."""
 TEXT_SEVERITY = {Phase.RELEASED: WARNING, Phase.RANGE_LOST: WARNING, Phase.BROKEN_OFF: WARNING}
 """MAV_SEVERITY of what a phase says; INFO for the others."""
 UNFIT_TOLD_AFTER_S = 4.0
@@ -65,9 +71,12 @@ class TickRecord(NamedTuple):
     height_m: float
     target_east_m: float  # of the vehicle, estimated; NaN where the estimator or the heading is missing
     target_north_m: float
-    target_sigma_m: float
+    target_sigma_m: float  # root of the sum of both variances
     drift_east_m_s: float  # wind minus the target's velocity
     drift_north_m_s: float
+    drift_sigma_m_s: float
+    target_lat_deg: float  # NaN while the autopilot shows no position
+    target_lon_deg: float
     saturated: int  # 1: the law wanted more than the turn-rate limit
     slewed: int  # 1: and a faster change than the turn-acceleration limit
     barrier: int  # 1: its turn rate was changed, to stay within r_min and r_max
@@ -115,6 +124,10 @@ class Flight:
             subscribed, vehicle.messages_hz, vehicle.words, signer, system_id=config.vehicle.system_id
         )
         self.link.authority.needs_air = vehicle.airframe != "rover"
+        receiver = self.ranges.receiver
+        if isinstance(receiver, MessageReceiver) and config.ranging.use_stamps:
+            self.link.time.wanted = True
+            receiver.clocks = self.link.time.offset
         self.computer = GuidanceComputer(guidance_settings(config))
         self.lookout = Lookout(config, self.link.autopilot, self.computer)
         self._encoder = vehicle.encoder(config.encoder_options())
@@ -126,7 +139,7 @@ class Flight:
         self._auto: AutoEngage | None = None
         if config.engage == "auto" and vehicle.take_off is not None:
             self._auto = AutoEngage(self.link, vehicle.take_off, config.orbit.height_m or nan)
-        self.events: list[Event] = []
+        self.events: list[Event] = [Event(0.0, f"{heading}: {words}", INFO) for heading, words in told(config)]
         self.rejected: Counter[str] = Counter()
         self.engaged_s = nan
         self.end_reason = ""
@@ -148,8 +161,9 @@ class Flight:
         self.was_stopped = False
         """Whether the process was stopped since the last tick began."""
         self._frames: list[bytes] = []
-        self._signing_told = self._strangers_told = False
+        self._signing_told = self._noise_told = self._strangers_told = False
         self._clock_told = False
+        self._overhead_next_s = nan
         self._r_m = nan
         self._end_action = "hold"
 
@@ -182,6 +196,9 @@ class Flight:
             if rejected is None:
                 return
             result = rejected
+            if rejected.reason == "overhead" and not now_s < self._overhead_next_s:
+                self._overhead_next_s = now_s + OVERHEAD_S
+                self._say(now_s, f"near overhead, where a range tells nothing: {rejected.detail}", INFO)
         self._count(result)
 
     def _moving(self) -> bool:
@@ -245,6 +262,7 @@ class Flight:
         self._frames += link.poll(now_s) + link.read_parameters(now_s)
         self._tell_failures(now_s)
         self._tell_signing(now_s)
+        self._tell_noise(now_s)
         # In the order in which they were packed: a receiver of signed frames refuses one that is overtaken.
         frames, self._frames = self._frames, []
         return frames, self._record(now_s, decision, lateness_s, missed_ticks)
@@ -340,7 +358,7 @@ class Flight:
     def _judge(self, now_s: float) -> None:
         """Look whether the autopilot is the one for this vehicle class; say when a pilot may engage."""
         ap, before = self.link.autopilot, self.unfit
-        self.unfit = self._fitness.unfit(ap, now_s)
+        self.unfit = self._fitness.unfit(ap, now_s, held=self.link.authority.control in (Control.ASKED, Control.HELD))
         if self.unfit is not None:
             if self.link.authority.control is not Control.RELEASED:
                 self.link.ask_for(self._fitness.ask_again(ap, now_s))
@@ -429,16 +447,31 @@ class Flight:
             self._signing_told = True
             self._tell(now_s, "the autopilot signs its messages: without vehicle.signing_key_file it obeys nothing", 4)
 
+    def _tell_noise(self, now_s: float) -> None:
+        noise, expected_m = self.computer.estimator.noise, self._config.ranging.sigma_m
+        if not self._noise_told and noise.noisier(expected_m):
+            self._noise_told = True
+            words = f"ranges are noisier than ranging.sigma_m = {expected_m:g} m: about {noise.sigma_m:.1f} m"
+            self._tell(now_s, f"{words}, which is flown on", INFO)
+
     def _show_target(self, now_s: float, decision: Decision) -> None:
-        """Locate the target; once a second draw the orbit on the ground station's map, where it can be placed."""
-        computer, ap = self.computer, self.link.autopilot
-        self.target = locate(decision.estimate, computer.estimator.covariance())
+        """Locate the target; once a second show it to ground stations, with the orbit on the map while it is flown."""
+        estimator, ap = self.computer.estimator, self.link.autopilot
+        age_s = now_s - estimator.sample_time_s()
+        self.target = locate(decision.estimate, estimator.covariance(), estimator.spread_m(), age_s)
         self.target_place = None
-        if not self.target.known or not now_s - ap.position_s <= PLACE_FRESH_S:
+        if not self.target.known:
             return
-        self.target_place = latitude_longitude(ap.lat_deg, ap.lon_deg, self.target)
-        if decision.phase in ENGAGED and not now_s < self._map_next_s:
-            self._map_next_s = now_s + MAP_S
+        if now_s - ap.position_s <= PLACE_FRESH_S:
+            self.target_place = latitude_longitude(ap.lat_deg, ap.lon_deg, self.target)
+        if now_s < self._map_next_s or decision.phase in SILENT:
+            return
+        self._map_next_s = now_s + MAP_S
+        t = self.target
+        self._frames.append(self.link.target_vector(now_s, t.north_m, t.east_m, t.sigma_m))
+        if isfinite(t.drift_sigma_m_s):
+            self._frames.append(self.link.drift_array(now_s, t.drift_north_m_s, t.drift_east_m_s, t.drift_sigma_m_s))
+        if decision.phase in ENGAGED and self.target_place is not None:
             orbit = self._config.orbit
             radius_m = orbit.radius_m if orbit.direction == "clockwise" else -orbit.radius_m
             self._frames.append(self.link.orbit_on_map(now_s, radius_m, *self.target_place))
@@ -487,6 +520,7 @@ class Flight:
             decision.speed_source if self._believed is None else "believed",
             self._height_m(now_s),
             *self.target,
+            *(self.target_place or (nan, nan)),
             int(decision.limits.saturated),
             int(decision.limits.slewed),
             int(decision.limits.barrier),

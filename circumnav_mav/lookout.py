@@ -43,7 +43,7 @@ class Lookout:
             battery_alarm=ap.battery_alarm,
             height_age_s=ap.mode_s - height_s if engaged and height_s > -inf else nan,
             blind=blind if engaged else "",
-            estimates_missing=not all(ap.estimates(what) for what in self._estimates),
+            estimates_missing=engaged and not all(ap.estimates(what) for what in self._estimates),
             restarts_a_minute=len(self._restarts_s),
             engaged_s=now_s - self._engaged_s,
             laps=abs(self._turned_rad) / (2 * pi),

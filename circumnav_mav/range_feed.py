@@ -127,6 +127,7 @@ def receiver_settings(ranging: Ranging) -> Settings:
         max_age_s=ranging.max_age_s,
         latency_s=ranging.latency_s,
         use_stamps=ranging.use_stamps,
+        stamped_by=ranging.stamped_by,
         options=ranging.options,
         **{key: value for key, value in optional.items() if value is not None},
     )

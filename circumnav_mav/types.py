@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 NAN = math.nan
 
@@ -25,6 +26,13 @@ class RangeSample:
     range_rate_m_s: float = NAN
     sigma_m: float = NAN
     beacon_id: int | None = None
+
+
+class ClockOffset(NamedTuple):
+    """A clock beside the app's: what it shows is the app's time plus offset_s [s], wrong by bound_s [s] at most."""
+
+    offset_s: float
+    bound_s: float
 
 
 @dataclass(frozen=True, slots=True)

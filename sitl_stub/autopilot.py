@@ -8,11 +8,12 @@ from sitl_stub.commander import Commander
 from sitl_stub.config import StubConfig
 from sitl_stub.fixed_wing import FixedWing
 from sitl_stub.fixed_wing_pilot import FixedWingPilot
-from sitl_stub.kinematics import Multirotor, wrap
+from sitl_stub.kinematics import Multirotor, body_rates, wrap
 from sitl_stub.missions import Missions
 from sitl_stub.multirotor_pilot import MultirotorPilot
 from sitl_stub.offboard import RatesTarget, Setpoint, Trajectory
 from sitl_stub.params import Parameters
+from sitl_stub.world import calibrated_per_true
 
 UNIX_START_S = 1_767_225_600  # SYSTEM_TIME at boot: simulated flights all begin on 2026-01-01
 START_AIRSPEED_M_S = 12.0  # of an airplane that starts in the air
@@ -38,6 +39,7 @@ class Autopilot:
         place = (self.origin_n, self.origin_e, config.start_height_m, yaw)
         self.commander = Commander(self.params, config.ready_after_s)
         self.commander.position_ok = config.gps
+        self.commander.sticks_override = not self.fixed_wing
         self.vehicle: Multirotor | FixedWing
         self.pilot: MultirotorPilot | FixedWingPilot
         if self.fixed_wing:
@@ -61,9 +63,9 @@ class Autopilot:
         """Carry everything to now_s."""
         self.now_s = now_s
         self.boot_us = max(0, round((now_s - self._boot_s + self._clock_s) * 1e6))
-        self.boot_ms = self.boot_us // 1000
+        self.boot_ms = self.boot_us // 1000 & 0xFFFFFFFF  # 32 bits on the wire: it wraps after 49.7 days
         self.wind_n, self.wind_e = wind_n, wind_e
-        self.commander.update(now_s, self.vehicle.h <= 0.0)
+        self.commander.update(now_s, self.vehicle.h <= 0.0 and not self.pilot.pushing)
         if self._compass_errs and isinstance(self.pilot, MultirotorPilot):
             self.pilot.yaw_error_rad = self.yaw_estimate() - self.vehicle.yaw
         self.pilot.step(now_s, wind_n, wind_e)
@@ -99,8 +101,15 @@ class Autopilot:
         return math.sqrt((v.vn - self.wind_n) ** 2 + (v.ve - self.wind_e) ** 2 + v.vu**2)
 
     def airspeed_estimate(self) -> float:
-        """Return VFR_HUD.airspeed; a multirotor has no sensor and reports 0."""
-        return self.vehicle.airspeed * self.config.airspeed_scale if isinstance(self.vehicle, FixedWing) else 0.0
+        """Return VFR_HUD.airspeed, which is calibrated airspeed; a multirotor has no sensor and reports 0."""
+        if not isinstance(self.vehicle, FixedWing):
+            return 0.0
+        return self.vehicle.airspeed * self.config.airspeed_scale * calibrated_per_true(self.vehicle.h)
+
+    def body_rates(self) -> tuple[float, float, float]:
+        """Return what the gyroscopes read [rad/s]: about the nose, the right wing and downwards."""
+        v = self.vehicle
+        return body_rates(v.roll, v.pitch, v.roll_rate, v.pitch_rate, v.yaw_rate)
 
     def flies_body_rates(self) -> bool:
         """Whether OFFBOARD flies body rates (base_mode then loses its STABILIZE bit)."""

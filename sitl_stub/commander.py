@@ -8,7 +8,15 @@ from __future__ import annotations
 
 import math
 
-from sitl_stub.modes import OFFBOARD_LOSS_DISARM, OFFBOARD_LOSS_MODE, POSITION_MODES, STICK_MODES, Mode, title_of
+from sitl_stub.modes import (
+    AUTO_MODES,
+    OFFBOARD_LOSS_DISARM,
+    OFFBOARD_LOSS_MODE,
+    POSITION_MODES,
+    STICK_MODES,
+    Mode,
+    title_of,
+)
 from sitl_stub.params import Parameters
 
 ACCEPTED, TEMPORARILY_REJECTED, DENIED, UNSUPPORTED, FAILED = 0, 1, 2, 3, 4
@@ -27,6 +35,7 @@ class Commander:
         self.params = params
         self.position_ok = True
         self.has_mission = False
+        self.sticks_override = True  # an airplane's do not
         self.refuse_arming = False  # faults
         self.refuse_offboard = False
         self.texts: list[tuple[int, str]] = []
@@ -59,9 +68,13 @@ class Commander:
         self._needs_position = needs_position
 
     def sticks_received(self, now_s: float, moved: bool) -> None:
-        """Note a MANUAL_CONTROL; moved sticks end OFFBOARD only if COM_RC_OVERRIDE says so (bit 1)."""
+        """Note a MANUAL_CONTROL. Moved sticks take a multirotor over where COM_RC_OVERRIDE says so.
+
+        Bit 0: from what flies by itself (the default, by PX4's documents); bit 1: from OFFBOARD (measured).
+        """
         self.last_stick_s = now_s
-        if moved and self.armed and self.mode is Mode.OFFBOARD and int(self.params["COM_RC_OVERRIDE"]) & 2:
+        bit = 2 if self.mode is Mode.OFFBOARD else 1 if self.mode in AUTO_MODES else 0
+        if moved and self.armed and self.sticks_override and int(self.params["COM_RC_OVERRIDE"]) & bit:
             self.intention = Mode.POSCTL
             self._say(INFO_TEXT, "Pilot took over using sticks\t")
 

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, fields
+from numbers import Integral, Real
 
 from sitl_stub.devices import DEVICES
-from sitl_stub.faults import parse
+from sitl_stub.faults import FAR_M, WIND_MOST_M_S, assigned, parse
+from sitl_stub.params import Parameters
 
 AIRFRAMES = ("multirotor", "fixed_wing")
 RANGE_MESSAGES = ("distance_sensor", "ranging_beacon", "landing_target")
@@ -48,7 +50,7 @@ class StubConfig:
 
     compass_error_rad: float = 0.0  # the autopilot's yaw minus the true one (clockwise)
     compass_wobble_rad: float = 0.0  # and a part that goes with the sine of the yaw (iron on board)
-    airspeed_scale: float = 1.0  # airspeed shown / true airspeed (fixed wing)
+    airspeed_scale: float = 1.0  # an error of the airspeed sensor: shown / calibrated airspeed (fixed wing)
     gps: bool = True  # without it there is no local position, and PX4 refuses what needs one
     local_z_error_m: float = -0.46  # what LOCAL_POSITION_NED.z reads on the ground (PX4: -0.73 to 0.01 seen)
 
@@ -77,39 +79,128 @@ class StubConfig:
     faults: tuple[str, ...] = ()  # a timeline, one line each: see sitl_stub.faults
 
     def __post_init__(self) -> None:
-        faults = []
-        if self.airframe not in AIRFRAMES:
-            faults.append(f"airframe {self.airframe!r} is none of {', '.join(AIRFRAMES)}")
-        if not 1 <= self.system_id <= 255:
-            faults.append(f"system_id {self.system_id} is not within 1..255")
-        if not 0.001 <= self.step_s <= 0.02:
-            faults.append(f"step_s {self.step_s} is not within 0.001..0.02")
-        if self.range_link not in ("offboard", "ranging"):
-            faults.append(f"range_link {self.range_link!r} is neither offboard nor ranging")
-        if not 0.0 < self.range_rate_hz <= 100.0:
-            faults.append(f"range_rate_hz {self.range_rate_hz} is not within 0..100")
-        if not 0.0 <= self.outlier_share <= 1.0:
-            faults.append(f"outlier_share {self.outlier_share} is not within 0..1")
-        if self.start_height_m < 0.0:
-            faults.append(f"start_height_m {self.start_height_m} is below the ground")
-        for name in ("range_sigma_m", "range_latency_s", "gust_sigma_m_s", "height_drift_m_s", "outlier_mean_m"):
-            if not 0.0 <= getattr(self, name) < math.inf:
-                faults.append(f"{name} {getattr(self, name)} is negative or not a number")
-        if self.range_message not in RANGE_MESSAGES:
-            faults.append(f"range_message {self.range_message!r} is none of {', '.join(RANGE_MESSAGES)}")
-        if self.mavlink_version not in (1, 2):
-            faults.append(f"mavlink_version {self.mavlink_version} is neither 1 nor 2")
-        if len(self.signing_key) not in (0, 32):
-            faults.append(f"signing_key has {len(self.signing_key)} bytes, not 32")
-        if self.device and self.device not in DEVICES:
-            faults.append(f"device {self.device!r} is none of {', '.join(DEVICES)}")
-        for line in self.faults:
-            try:
-                parse(line)
-            except ValueError as error:
-                faults.append(str(error))
-        for window in self.range_dropouts_s:
-            if not window[0] <= window[1]:
-                faults.append(f"dropout {window} ends before it begins")
+        faults = [*_wrong_numbers(self), *_wrong_words(self)]
+        if not faults:  # numbers are numbers, so that they may be compared
+            faults = [*_wrong_windows(self), *_wrong_parameters(self), *_wrong_lines(self)]
         if faults:
             raise ValueError("; ".join(faults))
+
+
+_FAR_M, _FAST_M_S = FAR_M, 1000.0
+# What a number may be, both ends included.
+BOUNDS: dict[str, tuple[float, float]] = {
+    "seed": (-(2**63), 2**63),
+    "step_s": (0.001, 0.02),
+    "system_id": (1, 255),
+    "ready_after_s": (0.0, 1e9),
+    "start_east_m": (-_FAR_M, _FAR_M),
+    "start_north_m": (-_FAR_M, _FAR_M),
+    "start_heading_rad": (-100.0, 100.0),
+    "start_height_m": (0.0, 10_000.0),
+    "start_speed_m_s": (0.0, 100.0),
+    "beacon_east_m": (-_FAR_M, _FAR_M),
+    "beacon_north_m": (-_FAR_M, _FAR_M),
+    "beacon_height_m": (-_FAR_M, _FAR_M),
+    "beacon_east_m_s": (-_FAST_M_S, _FAST_M_S),
+    "beacon_north_m_s": (-_FAST_M_S, _FAST_M_S),
+    "wind_east_m_s": (-WIND_MOST_M_S, WIND_MOST_M_S),
+    "wind_north_m_s": (-WIND_MOST_M_S, WIND_MOST_M_S),
+    "gust_sigma_m_s": (0.0, WIND_MOST_M_S),
+    "gust_tau_s": (0.01, 1e6),
+    "height_drift_m_s": (0.0, 10.0),
+    "compass_error_rad": (-100.0, 100.0),
+    "compass_wobble_rad": (-100.0, 100.0),
+    "airspeed_scale": (0.01, 100.0),
+    "local_z_error_m": (-1000.0, 1000.0),
+    "range_sigma_m": (0.0, _FAR_M),
+    "range_bias_m": (-_FAR_M, _FAR_M),
+    "range_rate_hz": (0.001, 100.0),
+    "range_latency_s": (0.0, 3600.0),
+    "range_max_m": (0.0, 1e9),
+    "outlier_share": (0.0, 1.0),
+    "outlier_mean_m": (0.0, _FAR_M),
+    "range_sysid": (0, 255),
+    "range_compid": (0, 255),
+    "range_sensor_id": (0, 255),
+    "range_orientation": (0, 255),
+    "range_beacon_id": (0, 65535),
+    "range_step_m": (0.0, _FAR_M),
+    "range_rate_sigma_m_s": (0.0, _FAST_M_S),
+}
+CHOICES: dict[str, tuple[str, ...]] = {
+    "airframe": AIRFRAMES,
+    "range_link": ("offboard", "ranging"),
+    "range_message": RANGE_MESSAGES,
+    "device": ("", *DEVICES),
+}
+
+
+def _wrong_numbers(c: StubConfig) -> Iterator[str]:
+    for f in fields(c):
+        if f.name not in BOUNDS:
+            continue
+        value, (least, most) = getattr(c, f.name), BOUNDS[f.name]
+        whole = "int" in str(f.type)
+        if value is None and "None" in str(f.type):
+            continue
+        if isinstance(value, bool) or not isinstance(value, Integral if whole else Real):
+            yield f"{f.name} {value!r} is not a {'whole ' * whole}number"
+        elif not least <= float(value) <= most:  # NaN is never within
+            yield f"{f.name} {value} is not within {least:g}..{most:g}"
+    for name, value in _items(c.params):
+        if not isinstance(name, str) or isinstance(value, bool) or not isinstance(value, Real):
+            yield f"params: {name!r}: {value!r} is not a parameter's name and a number"
+
+
+def _items(params: object) -> list[tuple[object, object]]:
+    return list(params.items()) if isinstance(params, Mapping) else [("params", params)]
+
+
+def _wrong_words(c: StubConfig) -> Iterator[str]:
+    for name, choices in CHOICES.items():
+        if getattr(c, name) not in choices:
+            yield f"{name} {getattr(c, name)!r} is none of {', '.join(word for word in choices if word)}"
+    for name in ("gps", "radio"):
+        if not isinstance(getattr(c, name), bool):
+            yield f"{name} {getattr(c, name)!r} is neither True nor False"
+    if c.mavlink_version not in (1, 2):
+        yield f"mavlink_version {c.mavlink_version} is neither 1 nor 2"
+    if not isinstance(c.signing_key, bytes) or len(c.signing_key) not in (0, 32):
+        yield "signing_key is not 32 bytes"
+
+
+def _wrong_windows(c: StubConfig) -> Iterator[str]:
+    for window in c.range_dropouts_s:
+        if len(window) != 2 or not window[0] <= window[1]:
+            yield f"dropout {window} is not (from, to) in seconds with from before to"
+    if not c.device and c.range_message != "distance_sensor" and c.range_beacon_id > 255:
+        yield f"range_beacon_id {c.range_beacon_id} is not within 0..255, which is all that {c.range_message} carries"
+    if c.device:
+        try:
+            DEVICES[c.device](c.range_beacon_id)
+        except ValueError as error:
+            yield str(error)
+
+
+def _wrong_parameters(c: StubConfig) -> Iterator[str]:
+    known = Parameters(c.airframe == "fixed_wing")
+    for name, value in c.params.items():
+        try:
+            known.check(name, value)
+        except ValueError as error:
+            yield str(error)
+
+
+def _wrong_lines(c: StubConfig) -> Iterator[str]:
+    lines: object = c.faults
+    if isinstance(lines, str):
+        yield "faults is one line: write a tuple of lines"
+        return
+    known = Parameters(c.airframe == "fixed_wing")
+    for line in c.faults:
+        try:
+            fault = parse(line)
+            if fault.kind == "param":
+                known.check(*assigned(fault))
+        except ValueError as error:
+            yield str(error) if repr(line) in str(error) else f"fault {line!r}: {error}"

@@ -15,6 +15,8 @@ from dataclasses import dataclass
 
 from sitl_stub.modes import Mode
 
+WIND_MOST_M_S = 100.0
+FAR_M = 1e6  # the flat world ends somewhere
 REORDER_S = 0.1  # a reordered frame comes up to this much later than it should
 
 
@@ -29,57 +31,63 @@ class Fault:
     line: str
 
 
+def _within(low: float, high: float) -> Callable[[str], None]:
+    def check(text: str) -> None:
+        if not low <= float(text) <= high:
+            raise ValueError(f"it goes from {low:g} to {high:g}")
+
+    return check
+
+
 def _share(text: str) -> None:
-    if not 0.0 <= float(text) <= 1.0:
-        raise ValueError
+    _within(0.0, 1.0)(text)
 
 
-def _number(text: str) -> None:
-    if not math.isfinite(float(text)):
-        raise ValueError
+def _pair_within(most: float) -> Callable[[str], None]:
+    def check(text: str) -> None:
+        parts = [float(part) for part in text.split(",")]
+        if len(parts) != 2 or not all(abs(part) <= most for part in parts):
+            raise ValueError(f"two numbers with a comma between them, of {most:g} at most")
 
-
-def _pair(text: str) -> None:
-    parts = [float(part) for part in text.split(",")]
-    if len(parts) != 2 or not all(math.isfinite(part) for part in parts):
-        raise ValueError
+    return check
 
 
 def _one_of(*names: str) -> Callable[[str], None]:
     def check(text: str) -> None:
         if text not in names:
-            raise ValueError
+            raise ValueError(f"one of {', '.join(names)}")
 
     return check
 
 
 def _assignment(text: str) -> None:
     name, equals, value = text.partition("=")
-    if not name or not equals:
-        raise ValueError
-    _number(value)
+    if not name or not equals or not math.isfinite(float(value)):
+        raise ValueError("a finite number is wanted")
 
 
 def _byte(text: str) -> None:
     if not 0 <= int(text) <= 255:
-        raise ValueError
+        raise ValueError("it goes from 0 to 255")
 
 
 _DIRECTION = _one_of("in", "out")
+_RANGE = _within(-1e9, 1e9)
+_DELAY_MOST_S, _CLOCK_MOST_S = 3600.0, 1e6
 MODES = {mode.name.lower(): mode for mode in Mode}
 
 # kind -> (whether it lasts, checks of its arguments, how the arguments are written, what it does)
 FAULTS: dict[str, tuple[bool, tuple[Callable[[str], None], ...], str, str]] = {
     "silence": (True, (), "", "no frame of the companion's link passes, either way"),
     "drop": (True, (_DIRECTION, _share), "in|out SHARE", "a share of frames is lost on the way in or out"),
-    "delay": (True, (_DIRECTION, _number), "in|out SECONDS", "every frame comes later"),
+    "delay": (True, (_DIRECTION, _within(0.0, _DELAY_MOST_S)), "in|out SECONDS", "every frame comes later"),
     "duplicate": (True, (_DIRECTION, _share), "in|out SHARE", "a share of frames comes twice"),
     "reorder": (True, (_DIRECTION, _share), "in|out SHARE", "a share of frames is overtaken by later ones"),
     "corrupt": (True, (_DIRECTION, _share), "in|out SHARE", "a byte of a share of frames is wrong"),
     "range-stop": (True, (), "", "the radio measures nothing"),
     "range-stick": (True, (), "", "the radio repeats its last range"),
-    "range-add": (True, (_number,), "METRES", "every range is wrong by so much"),
-    "range-value": (True, (_number,), "METRES", "every range reads this: 0, 655.35, 1e6, ..."),
+    "range-add": (True, (_RANGE,), "METRES", "every range is wrong by so much"),
+    "range-value": (True, (_RANGE,), "METRES", "every range reads this: 0, 655.35, 1e6, ..."),
     "range-invalid": (True, (), "", "signal_quality says invalid and the range reads 0"),
     "range-id": (True, (_byte,), "ID", "ranges come with another sensor id"),
     "range-orientation": (True, (_byte,), "ORIENTATION", "ranges come with another orientation"),
@@ -89,11 +97,11 @@ FAULTS: dict[str, tuple[bool, tuple[Callable[[str], None], ...], str, str]] = {
     "no-gps": (True, (), "", "there is no position estimate"),
     "foreign": (True, (_byte,), "SYSTEM_ID", "another PX4 talks on the companion's link, perhaps with our id"),
     "reboot": (False, (), "", "the autopilot boots: two seconds of silence, disarmed, time from zero"),
-    "clock": (False, (_number,), "SECONDS", "the autopilot's clock jumps"),
+    "clock": (False, (_within(-_CLOCK_MOST_S, _CLOCK_MOST_S),), "SECONDS", "the autopilot's clock jumps (1e6 at most)"),
     "gcs": (False, (_one_of(*MODES),), "MODE", "a ground station asks for a mode: hold, posctl, rtl, land, ..."),
     "param": (False, (_assignment,), "NAME=VALUE", "a parameter changes"),
-    "wind": (False, (_pair,), "EAST,NORTH", "the wind becomes this [m/s]"),
-    "beacon": (False, (_pair,), "EAST,NORTH", "the beacon is put here [m]"),
+    "wind": (False, (_pair_within(WIND_MOST_M_S),), "EAST,NORTH", "the wind becomes this [m/s]"),
+    "beacon": (False, (_pair_within(FAR_M),), "EAST,NORTH", "the beacon is put here [m]"),
 }
 
 
@@ -115,6 +123,8 @@ def parse(line: str) -> Fault:
         raise ValueError(f"fault {line!r}: {when!r} is neither FROM-TO nor AT in seconds") from None
     if lasts and not (dash and 0.0 <= from_s < to_s):
         raise ValueError(f"fault {line!r}: {kind} lasts, it needs FROM-TO with FROM before TO")
+    if not lasts and not dash and not 0.0 <= from_s < math.inf:
+        raise ValueError(f"fault {line!r}: it cannot happen at {when} s")
     if not lasts and dash:
         raise ValueError(f"fault {line!r}: {kind} happens at one time, it takes no FROM-TO")
     if len(arguments) != len(checks):
@@ -122,9 +132,15 @@ def parse(line: str) -> Fault:
     for check, argument in zip(checks, arguments, strict=True):
         try:
             check(argument)
-        except ValueError:
-            raise ValueError(f"fault {line!r}: {argument!r} does not fit '{kind} {usage}'") from None
+        except ValueError as error:
+            raise ValueError(f"fault {line!r}: {argument!r} does not fit '{kind} {usage}': {error}") from None
     return Fault(from_s, to_s, kind, arguments, line)
+
+
+def assigned(fault: Fault) -> tuple[str, float]:
+    """Return name and value of a `param` line."""
+    name, _, value = fault.words[0].partition("=")
+    return name, float(value)
 
 
 class Timeline:

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 
-from sitl_stub.kinematics import BODY_RATE_MAX, G, wrap
+from sitl_stub.kinematics import BODY_RATE_MAX, G, angle_rates, wrap
 
 LIFT_PER_RAD = 0.8642  # lift acceleration / (V^2 (alpha + ALPHA_0)), 1/m/rad
 ALPHA_0 = math.radians(5.515)  # angle of attack without lift is -ALPHA_0
@@ -65,10 +65,14 @@ class FixedWing:
         self.roll, self.pitch = new_roll, new_pitch
         self._fly(thrust, wind_n, wind_e)
 
-    def step_rates(self, roll_rate: float, pitch_rate: float, thrust: float, wind_n: float, wind_e: float) -> None:
-        """Fly body rates [rad/s] and thrust."""
-        self.roll_rate = min(max(roll_rate, -BODY_RATE_MAX), BODY_RATE_MAX)
-        self.pitch_rate = min(max(pitch_rate, -BODY_RATE_MAX), BODY_RATE_MAX)
+    def step_rates(
+        self, roll_rate: float, pitch_rate: float, yaw_rate: float, thrust: float, wind_n: float, wind_e: float
+    ) -> None:
+        """Fly body rates [rad/s] and thrust; the heading turns as the bank turns it."""
+        p = min(max(roll_rate, -BODY_RATE_MAX), BODY_RATE_MAX)
+        q = min(max(pitch_rate, -BODY_RATE_MAX), BODY_RATE_MAX)
+        r = min(max(yaw_rate, -BODY_RATE_MAX), BODY_RATE_MAX)
+        self.roll_rate, self.pitch_rate, _ = angle_rates(self.roll, self.pitch, p, q, r)
         self.roll = wrap(self.roll + self.roll_rate * self.dt_s)
         self.pitch = max(-1.5, min(1.5, self.pitch + self.pitch_rate * self.dt_s))
         self._fly(thrust, wind_n, wind_e)

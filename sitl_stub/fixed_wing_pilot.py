@@ -14,7 +14,7 @@ from sitl_stub.kinematics import G, wrap
 from sitl_stub.modes import Mode
 from sitl_stub.offboard import AttitudeTarget, RatesTarget, Setpoint, Trajectory
 from sitl_stub.params import Parameters
-from sitl_stub.world import HOME_AMSL_M
+from sitl_stub.world import HOME_AMSL_M, calibrated_per_true
 
 COURSE_GAIN_PER_S = 0.9  # course error [rad] -> turn rate
 TRACK_GAIN_PER_M = 0.025  # cross-track error -> intercept angle, through an arc tangent
@@ -38,6 +38,8 @@ class Path(NamedTuple):
 class FixedWingPilot:
     """Steps a FixedWing through PX4's modes."""
 
+    pushing = False  # it leaves the ground in the moment that its lift carries it
+
     def __init__(self, vehicle: FixedWing, commander: Commander, params: Parameters, airspeed_scale: float) -> None:
         self.vehicle, self.commander, self.params = vehicle, commander, params
         self.setpoint: Setpoint | None = None
@@ -45,7 +47,7 @@ class FixedWingPilot:
         self.local_n, self.local_e, self.local_h = vehicle.n, vehicle.e, 0.0
         self.home_n, self.home_e = vehicle.n, vehicle.e
         self._takeoff_height_m = math.nan
-        self._airspeed_scale = airspeed_scale  # what the sensor shows / what is true
+        self._airspeed_scale = airspeed_scale  # what the sensor shows / calibrated airspeed
         self._mode = commander.mode
         self._entered_s = 0.0
         self._wanted: tuple[float, float, float] | None = None  # by DO_REPOSITION
@@ -53,8 +55,13 @@ class FixedWingPilot:
         self._height = vehicle.h
         self._course = vehicle.yaw
         self._flown = (0.0, vehicle.pitch, vehicle.thrust)  # the last attitude setpoint, frozen when nothing new counts
-        self._rates = (0.0, 0.0)
+        self._rates = (0.0, 0.0, 0.0)
         self._overbanked = False
+
+    @property
+    def landing(self) -> bool:
+        """Whether it comes down to land."""
+        return self._mode is Mode.LAND
 
     def begin_in_hold(self) -> None:
         """Loiter from where it starts in the air."""
@@ -152,7 +159,7 @@ class FixedWingPilot:
 
     def _energy(self, roll: float, height_m: float) -> tuple[float, float]:
         v = self.vehicle
-        shown = v.airspeed * self._airspeed_scale
+        shown = v.airspeed * self._airspeed_scale * calibrated_per_true(v.h)
         climb = max(-SINK_MAX_M_S, min(CLIMB_MAX_M_S, CLIMB_GAIN_PER_S * (height_m - v.h)))
         if shown < float(self.params["FW_AIRSPD_MIN"]):
             climb = min(climb, 0.0)  # speed before height
@@ -191,13 +198,13 @@ class FixedWingPilot:
     def _offboard(self, wind_n: float, wind_e: float) -> None:
         v, s = self.vehicle, self.setpoint
         if isinstance(s, RatesTarget):
-            if math.isfinite(s.roll_rate + s.pitch_rate):
-                self._rates = (s.roll_rate, s.pitch_rate)
+            if math.isfinite(s.roll_rate + s.pitch_rate + s.yaw_rate):
+                self._rates = (s.roll_rate, s.pitch_rate, s.yaw_rate)
             v.step_rates(*self._rates, _or_zero(s.thrust), wind_n, wind_e)
             return
         if isinstance(s, AttitudeTarget):
-            if not math.isfinite(s.roll):  # q is NaN: the last rate setpoint goes on; the bank stays
-                v.step_rates(0.0, 0.0, _or_zero(s.thrust), wind_n, wind_e)
+            if not math.isfinite(s.roll):  # q is NaN: the last rate setpoint, that of the turn, goes on; the bank stays
+                v.step_attitude(v.roll, v.pitch, _or_zero(s.thrust), wind_n, wind_e)
                 return
             self._flown = (s.roll, s.pitch, _or_zero(s.thrust))
         elif isinstance(s, Trajectory):

@@ -1,6 +1,7 @@
 """How a multirotor moves: PX4's velocity and yaw-rate loops as lags, with the figures measured on PX4 (PX4.md, 4).
 
-Axes: north, east, up [m]; yaw [rad] clockwise from north, as in MAVLink. Steps are exact for inputs that are constant
+Axes: north, east, up [m]; yaw [rad] clockwise from north, as in MAVLink. A vehicle keeps the rates of its angles;
+`body_rates` makes of them what MAVLink shows. Steps are exact for inputs that are constant
 over a step.
 
 The velocity loop is a second-order lag with damping 0.7 and 2.37 rad/s: a step reaches 50 / 63 / 90 % after 0.60 / 0.76
@@ -50,6 +51,25 @@ class SecondOrder(NamedTuple):
 def wrap(angle_rad: float) -> float:
     """Return the angle within [-pi, pi)."""
     return (angle_rad + math.pi) % (2.0 * math.pi) - math.pi
+
+
+def body_rates(
+    roll: float, pitch: float, roll_rate: float, pitch_rate: float, yaw_rate: float
+) -> tuple[float, float, float]:
+    """Return p, q, r, what gyroscopes read, of an attitude [rad] and the rates of its angles [rad/s]."""
+    cr, sr, cp = math.cos(roll), math.sin(roll), math.cos(pitch)
+    return (
+        roll_rate - math.sin(pitch) * yaw_rate,
+        cr * pitch_rate + sr * cp * yaw_rate,
+        cr * cp * yaw_rate - sr * pitch_rate,
+    )
+
+
+def angle_rates(roll: float, pitch: float, p: float, q: float, r: float) -> tuple[float, float, float]:
+    """Return the rates of roll, pitch and yaw of body rates [rad/s]; held finite where the nose points straight up."""
+    cr, sr, cp = math.cos(roll), math.sin(roll), math.cos(pitch)
+    yaw_rate = (sr * q + cr * r) / (cp if abs(cp) > 0.1 else math.copysign(0.1, cp))
+    return p + math.sin(pitch) * yaw_rate, cr * q - sr * r, yaw_rate
 
 
 class Multirotor:
@@ -125,12 +145,12 @@ class Multirotor:
         self, roll_rate: float, pitch_rate: float, yaw_rate: float, thrust: float, wind_n: float, wind_e: float
     ) -> None:
         """Fly body rates [rad/s] and thrust: nothing levels the vehicle."""
-        self.roll_rate = min(max(roll_rate, -BODY_RATE_MAX), BODY_RATE_MAX)
-        self.pitch_rate = min(max(pitch_rate, -BODY_RATE_MAX), BODY_RATE_MAX)
-        self.roll, self.pitch = (
-            wrap(self.roll + self.roll_rate * self.dt_s),
-            wrap(self.pitch + self.pitch_rate * self.dt_s),
-        )
+        p = min(max(roll_rate, -BODY_RATE_MAX), BODY_RATE_MAX)
+        q = min(max(pitch_rate, -BODY_RATE_MAX), BODY_RATE_MAX)
+        r = min(max(yaw_rate, -YAW_RATE_MAX), YAW_RATE_MAX)
+        self.roll_rate, self.pitch_rate, yaw_rate = angle_rates(self.roll, self.pitch, p, q, r)
+        self.roll = wrap(self.roll + self.roll_rate * self.dt_s)
+        self.pitch = wrap(self.pitch + self.pitch_rate * self.dt_s)
         self.thrust = thrust
         self._turn(yaw_rate)
         self._ballistic(wind_n, wind_e)

@@ -57,13 +57,17 @@ class Link:
         self.next_due_s = self._due[0][0] if self._due else math.inf
 
     def due(self, now_s: float) -> list[int]:
-        """Return the ids whose time has come; each keeps its grid."""
+        """Return the ids whose time has come, each once; each keeps its grid."""
         heap, intervals_s = self._due, self.intervals_s
         ready = []
         while heap and heap[0][0] <= now_s:
             at, msgid = heap[0]
             ready.append(msgid)
-            heapq.heapreplace(heap, (at + intervals_s[msgid], msgid))
+            interval_s = intervals_s[msgid]
+            at += interval_s
+            if at <= now_s:  # a step is longer than the interval
+                at += interval_s * (math.floor((now_s - at) / interval_s) + 1)
+            heapq.heapreplace(heap, (at, msgid))
         self.next_due_s = heap[0][0] if heap else math.inf
         return ready
 
@@ -75,11 +79,13 @@ class Link:
         if self.v1:
             if msgid < 256:
                 self.forward(wire.frame_v1(msgid, payload, seq, sysid, compid))
-        elif self.signer is None:
-            self.forward(wire.frame(msgid, payload, seq, sysid, compid))
-        else:
+        elif self.signer is not None:
             frame = wire.frame(msgid, payload, seq, sysid, compid, wire.SIGNED)
             self.forward(frame + self.signer.signature(frame, self.unix_us))
+        elif self.way_out.active:
+            self.forward(wire.frame(msgid, payload, seq, sysid, compid))
+        else:
+            self.queue.append(wire.frame(msgid, payload, seq, sysid, compid))
 
     def forward(self, raw: bytes) -> None:
         """Queue a frame as it is."""

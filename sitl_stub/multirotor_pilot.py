@@ -6,7 +6,7 @@ import math
 import random
 
 from sitl_stub.commander import Commander
-from sitl_stub.kinematics import YAW_RATE_GAIN, Multirotor
+from sitl_stub.kinematics import YAW_RATE_GAIN, Multirotor, body_rates
 from sitl_stub.modes import Mode
 from sitl_stub.multirotor_auto import AutoModes, limited
 from sitl_stub.offboard import AttitudeTarget, RatesTarget, Setpoint, Trajectory
@@ -39,6 +39,16 @@ class MultirotorPilot:
         self._drift_kick = drift_m_s * math.sqrt(1.0 - self._drift_keep**2)
         self._next_drift_s = 0.0
 
+    @property
+    def pushing(self) -> bool:
+        """Whether it takes off and stands only because the thrust is still rising."""
+        return self.auto.pushing
+
+    @property
+    def landing(self) -> bool:
+        """Whether it comes down to land, in Land or at the end of Return."""
+        return self.auto.landing
+
     def begin_in_hold(self) -> None:
         """Hold from where it starts in the air."""
         self.auto.enter(self._mode, 0.0)
@@ -67,7 +77,7 @@ class MultirotorPilot:
             self._next_drift_s += 0.1
             self._drift = self._drift * self._drift_keep + self._drift_kick * self._random.gauss(0.0, 1.0)
         if not commander.armed:
-            self.auto.entered_s = now_s  # spooling up begins with arming
+            self.auto.armed_s, self.auto.pushing = now_s, False  # spooling up begins with arming
             if v.h <= 0.0:
                 v.rest()
             else:
@@ -112,8 +122,7 @@ class MultirotorPilot:
         elif isinstance(setpoint, RatesTarget):
             if math.isfinite(setpoint.roll_rate + setpoint.pitch_rate + setpoint.yaw_rate):
                 self._rates = (setpoint.roll_rate, setpoint.pitch_rate, setpoint.yaw_rate)
-            thrust = setpoint.thrust if math.isfinite(setpoint.thrust) else 0.0
-            v.step_rates(*self._rates, thrust, wind_n, wind_e)
+            v.step_rates(*self._rates, _motors(setpoint.thrust), wind_n, wind_e)
         elif setpoint is None or not self._valid:
             v.step_velocity(0.0, 0.0, 0.0, 0.0, wind_n, wind_e)
         else:
@@ -149,8 +158,7 @@ class MultirotorPilot:
 
     def _fly_attitude(self, s: AttitudeTarget, wind_n: float, wind_e: float) -> None:
         v = self.vehicle
-        thrust = s.thrust if math.isfinite(s.thrust) else 0.0  # NaN: the motors stop (PX4.md, 3.6)
-        thrust = min(max(thrust, 0.0), 1.0)
+        thrust = _motors(s.thrust)
         if not math.isfinite(s.roll):  # q is NaN: the last rate setpoint flies on
             v.step_rates(*self._rates, thrust, wind_n, wind_e)
             return
@@ -160,4 +168,9 @@ class MultirotorPilot:
         feed_forward = s.yaw_rate if math.isfinite(s.yaw_rate) else 0.0
         yaw_rate = v.yaw_rate_to(s.yaw - self.yaw_error_rad, feed_forward, float(self.params["MC_YAW_P"]))
         v.step_attitude(s.roll, s.pitch, yaw_rate, thrust, wind_n, wind_e)
-        self._rates = (v.roll_rate, v.pitch_rate, v.yaw_rate)
+        self._rates = body_rates(v.roll, v.pitch, v.roll_rate, v.pitch_rate, v.yaw_rate)
+
+
+def _motors(thrust: float) -> float:
+    """Return what motors make of a thrust setpoint: 0..1, and they stop for NaN (PX4.md, 3.6)."""
+    return min(max(thrust, 0.0), 1.0) if math.isfinite(thrust) else 0.0

@@ -56,10 +56,11 @@ class Vehicle:
             time.sleep(0.01)
 
     def stop(self) -> None:
-        """Stop flying and close the ports."""
-        self._stopping.set()
-        self._thread.join()
-        self._server.close()
+        """Stop flying and close the ports; once more is no harm."""
+        if not self._stopping.is_set():
+            self._stopping.set()
+            self._thread.join()
+            self._server.close()
         self._raise()
 
     def _run(self) -> None:

@@ -114,7 +114,7 @@ class Radio:
     def _ranging_beacon(self, m: Measurement) -> tuple[Any, ...]:
         c, faults = self._config, self.faults
         beacon_id = c.range_beacon_id if faults.sensor_id is None else faults.sensor_id
-        mm = 0 if faults.invalid else round(m.range_m * 1000.0)
+        mm = 0 if faults.invalid else min(2**32 - 1, round(m.range_m * 1000.0))
         accuracy = min(65535, round(c.range_sigma_m * 1000.0))
         unknown = 2**31 - 1  # nobody knows where the beacon is
         stamp = round(m.t_s * 1e6)

@@ -138,7 +138,7 @@ class Server:
         except OSError as error:
             raise PortBusy(
                 f"UDP port {endpoint.listen_port} ({link} link) cannot be used: {error.strerror}; "
-                f"is another vehicle running? Choose another with --{link}-port"
+                f"is another vehicle running? choose another port with --{link}-listen (0: any free one)"
             ) from error
         self._peers[link] = (endpoint.host, endpoint.peer_port) if endpoint.peer_port else None
         self._selector.register(opened, selectors.EVENT_READ, link)

@@ -13,26 +13,27 @@ from typing import TYPE_CHECKING, Any
 from sitl_stub.kinematics import G, wrap
 from sitl_stub.modes import AUTO_MODES, Mode, base_mode_of
 from sitl_stub.sensors import ZERO4
-from sitl_stub.world import HOME_AMSL_M, lat_lon_deg
+from sitl_stub.world import HOME_AMSL_M, lat_lon_deg, pressure_hpa
 
 if TYPE_CHECKING:
     from sitl_stub.autopilot import Autopilot
 
-NAN = math.nan
+NAN, HOME_AMSL_MM = math.nan, round(HOME_AMSL_M * 1e3)
 HEARTBEAT, CURRENT_MODE = 0, 436
+ON_GROUND, IN_AIR, TAKING_OFF, LANDING = 1, 2, 3, 4
 # Upper triangles of 6 x 6 matrices with something on the diagonal.
 COVARIANCE = tuple(0.08 if i in (0, 6, 11, 15, 18, 20) else 0.0 for i in range(21))
 
 
 def attitude(a: Autopilot) -> tuple[Any, ...]:
     v = a.vehicle
-    return a.boot_ms, v.roll, v.pitch, a.yaw_estimate(), v.roll_rate, v.pitch_rate, v.yaw_rate
+    return a.boot_ms, v.roll, v.pitch, a.yaw_estimate(), *a.body_rates()
 
 
 def attitude_quaternion(a: Autopilot) -> tuple[Any, ...]:
     v = a.vehicle
     w, x, y, z = quaternion(v.roll, v.pitch, a.yaw_estimate())
-    return a.boot_ms, w, x, y, z, v.roll_rate, v.pitch_rate, v.yaw_rate, ZERO4
+    return a.boot_ms, w, x, y, z, *a.body_rates(), ZERO4
 
 
 def local_position_ned(a: Autopilot) -> tuple[Any, ...]:
@@ -46,10 +47,10 @@ def global_position_int(a: Autopilot) -> tuple[Any, ...]:
     v = a.vehicle
     lat, lon = lat_lon_deg(v.n, v.e)
     heading = _round(math.degrees(a.yaw_estimate()) * 100.0) % 36000
-    cm = _int16
+    mm = floor(v.h * 1e3 + 0.5)
     return (
-        a.boot_ms, _round(lat * 1e7), _round(lon * 1e7), _round((v.h + HOME_AMSL_M) * 1e3), _round(v.h * 1e3),
-        cm(v.vn * 100.0), cm(v.ve * 100.0), cm(-v.vu * 100.0), heading,
+        a.boot_ms, floor(lat * 1e7 + 0.5), floor(lon * 1e7 + 0.5), mm + HOME_AMSL_MM, mm,
+        _int16(v.vn * 100.0), _int16(v.ve * 100.0), _int16(-v.vu * 100.0), heading,
     )  # fmt: skip
 
 
@@ -57,15 +58,15 @@ def highres_imu(a: Autopilot) -> tuple[Any, ...]:
     v = a.vehicle
     felt = (G * math.sin(v.pitch), -G * math.sin(v.roll), -G)
     field = (0.21 * math.cos(v.yaw), -0.21 * math.sin(v.yaw), 0.42)  # gauss
-    pressure = 955.8 - 0.1132 * v.h
-    rates = (v.roll_rate, v.pitch_rate, v.yaw_rate)
+    pressure = pressure_hpa(v.h)
+    rates = a.body_rates()
     return (a.boot_us, *felt, *rates, *field, pressure, 0.0, v.h + HOME_AMSL_M, 15.0, 63, 0)
 
 
 def odometry(a: Autopilot) -> tuple[Any, ...]:
     v = a.vehicle
     place = (v.n - a.origin_n, v.e - a.origin_e, a.origin_h - v.h)
-    rates = (v.roll_rate, v.pitch_rate, v.yaw_rate)
+    rates = a.body_rates()
     return (
         a.boot_us, 1, 1, *place, quaternion(v.roll, v.pitch, a.yaw_estimate()), v.vn, v.ve, -v.vu, *rates,
         COVARIANCE, COVARIANCE, 0, 8, 0,
@@ -88,7 +89,7 @@ def distance_sensor_down(a: Autopilot) -> tuple[Any, ...]:
 
 def attitude_target(a: Autopilot) -> tuple[Any, ...]:
     v = a.vehicle
-    return a.boot_ms, 0, quaternion(v.roll, v.pitch, v.yaw), v.roll_rate, v.pitch_rate, v.yaw_rate, _thrust(v.thrust)
+    return a.boot_ms, 0, quaternion(v.roll, v.pitch, v.yaw), *a.body_rates(), _thrust(v.thrust)
 
 
 def position_target_local_ned(a: Autopilot) -> tuple[Any, ...]:
@@ -123,7 +124,9 @@ def gps_raw_int(a: Autopilot) -> tuple[Any, ...]:
 
 
 def extended_sys_state(a: Autopilot) -> tuple[Any, ...]:
-    return 0, 1 if a.commander.landed else 2
+    if a.commander.landed:
+        return 0, ON_GROUND
+    return 0, TAKING_OFF if a.commander.mode is Mode.TAKEOFF else LANDING if a.pilot.landing else IN_AIR
 
 
 # As PX4 shows them: the pre-arm check is never "present", only healthy or not.
@@ -192,7 +195,7 @@ def ping(a: Autopilot) -> tuple[Any, ...]:
 
 
 def scaled_pressure(a: Autopilot) -> tuple[Any, ...]:
-    return a.boot_ms, 955.8 - 0.1132 * a.vehicle.h, 0.0, 1500, 0
+    return a.boot_ms, pressure_hpa(a.vehicle.h), 0.0, 1500, 0
 
 
 def system_time(a: Autopilot) -> tuple[Any, ...]:
@@ -296,7 +299,7 @@ def _thrust(thrust: float) -> float:
 
 
 def _int16(value: float) -> int:
-    return max(-32768, min(32767, _round(value)))
+    return floor(value + 0.5) if -32768.0 <= value < 32767.0 else -32768 if value < 0.0 else 32767
 
 
 def _round(value: float) -> int:

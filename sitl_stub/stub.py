@@ -57,8 +57,8 @@ class Stub:
         self._next_radio_heartbeat_s = 0.0
         self._text_id = 0
         self._timeline = Timeline(c.faults)
-        happenings.check(self, self._timeline.faults)
-        self.foreigners: dict[Fault, ForeignVehicle] = {}
+        self.active_faults: dict[str, list[Fault]] = {}  # by kind, in the order in which they began
+        self.foreigners: dict[int, ForeignVehicle] = {}  # by system id
         self.deaf = False  # setpoints are ignored
         self._down_until_s = -math.inf  # while the autopilot boots
 

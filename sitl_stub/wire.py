@@ -141,9 +141,9 @@ def frame(msgid: int, payload: bytes, seq: int, sysid: int, compid: int, flags: 
     """Return a MAVLink 2 frame; with `flags` SIGNED its signature is still to be added."""
     found = spec(msgid)
     assert found is not None
-    head = _HEAD_V2(V2_MAGIC, len(payload), flags, 0, seq, sysid, compid, msgid & 0xFFFF, msgid >> 16) + payload
-    crc: int = mcrf4xx(head[1:] + _BYTE[found.crc_extra])
-    return head + crc.to_bytes(2, "little")
+    body = _BODY_V2(len(payload), flags, 0, seq, sysid, compid, msgid & 0xFFFF, msgid >> 16) + payload
+    crc: int = mcrf4xx(body + _BYTE[found.crc_extra])
+    return b"\xfd" + body + _TWO_BYTES(crc)
 
 
 def frame_v1(msgid: int, payload: bytes, seq: int, sysid: int, compid: int) -> bytes:
@@ -169,7 +169,7 @@ def v1_length(msgid: int) -> int:
     return found.layout.size
 
 
-_HEAD_V2 = struct.Struct("<BBBBBBBHB").pack
+_BODY_V2, _TWO_BYTES = struct.Struct("<BBBBBBHB").pack, struct.Struct("<H").pack  # what follows the magic byte
 _BYTE = [bytes((i,)) for i in range(256)]
 
 

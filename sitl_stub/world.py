@@ -14,6 +14,16 @@ _M_PER_DEG_LAT = math.radians(EARTH_RADIUS_M)
 _M_PER_DEG_LON = _M_PER_DEG_LAT * math.cos(math.radians(HOME_LAT_DEG))
 
 
+def pressure_hpa(height_m: float) -> float:
+    """Return the air's pressure at a height above the ground; it has 15 degrees Celsius everywhere, as in PX4's SIH."""
+    return 955.8 * math.exp(-height_m / 8434.0)
+
+
+def calibrated_per_true(height_m: float) -> float:
+    """Return calibrated / true airspeed: the root of the air's density over that of the standard at sea level."""
+    return math.sqrt(pressure_hpa(height_m) / 1013.25)
+
+
 class Mover(Protocol):
     """Something with a place and a velocity: north, east, up [m, m/s]."""
 

@@ -1,6 +1,6 @@
 """`make bench`: what the app costs, as ratios within one run, because machines differ and are noisy.
 
-python -m tests.bench [receive] [lockstep] [estimators] [study] [loop]      (all by default; loop takes a minute)
+python -m tests.bench [receive] [lockstep] [stub] [estimators] [study] [loop]     (all by default; loop takes a minute)
 """
 
 from __future__ import annotations
@@ -126,9 +126,9 @@ def free_port() -> int:
 def loop() -> None:
     """Tick lateness of the whole app beside 400 msg/s, and of a bare timerfd loop beside it, for a minute."""
     port = free_port()
-    stub = [sys.executable, "-m", "sitl_stub", "--airborne", "15", "--offboard-port", str(port)]
-    stub += ["--offboard-listen", "0", "--gcs-port", "0", "--gcs-listen", "0"]
-    vehicle = subprocess.Popen(stub, stdout=subprocess.DEVNULL)
+    command = [sys.executable, "-m", "sitl_stub", "--airborne", "15", "--offboard-port", str(port)]
+    command += ["--offboard-listen", "0", "--gcs-port", "0", "--gcs-listen", "0"]
+    vehicle = subprocess.Popen(command, stdout=subprocess.DEVNULL)
     bare = subprocess.Popen(
         [sys.executable, "-m", "tests.bench_timerfd", str(RATE_HZ), str(LOOP_S)], stdout=subprocess.PIPE
     )
@@ -220,7 +220,21 @@ def study() -> None:
     bench_core.main()
 
 
-BENCHES = {"receive": receive, "lockstep": lockstep, "estimators": estimators, "study": study, "loop": loop}
+def stub() -> None:
+    """The simulated vehicle alone."""
+    from tests.stub import bench
+
+    bench.main()
+
+
+BENCHES = {
+    "receive": receive,
+    "lockstep": lockstep,
+    "stub": stub,
+    "estimators": estimators,
+    "study": study,
+    "loop": loop,
+}
 
 
 if __name__ == "__main__":

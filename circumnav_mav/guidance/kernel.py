@@ -133,6 +133,8 @@ class Estimator:
     needs: frozenset[str]  # of SOURCES
     gives: frozenset[str]  # fields of Estimate that are finite once known
     source: str
+    places: Callable[[list[Any]], list[tuple[float, float]]] | None = None
+    """Where each hypothesis has the target, m, all in one frame; None where the estimator has no place."""
 
 
 SOURCES = frozenset({"range", "speed", "turn_rate", "heading", "airspeed"})

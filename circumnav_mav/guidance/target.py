@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import cos, degrees, isfinite, nan, radians, sqrt
+from math import cos, degrees, hypot, isfinite, nan, radians, sqrt
 from typing import NamedTuple
 
 from circumnav_mav.guidance.kernel import Estimate
@@ -20,6 +20,7 @@ class Target(NamedTuple):
     sigma_m: float = nan  # root of the sum of both variances
     drift_east_m_s: float = nan  # wind minus the target's own velocity
     drift_north_m_s: float = nan
+    drift_sigma_m_s: float = nan  # root of the sum of both variances
 
     @property
     def known(self) -> bool:
@@ -27,16 +28,27 @@ class Target(NamedTuple):
         return isfinite(self.east_m) and isfinite(self.north_m)
 
 
-def locate(estimate: Estimate | None, covariance: tuple[float, ...]) -> Target:
-    """Return the target of an estimate with its uncertainty. covariance: of the estimator that made it."""
-    if estimate is None:
+def locate(estimate: Estimate | None, covariance: tuple[float, ...], spread_m: float, age_s: float) -> Target:
+    """Return the target of an estimate with its uncertainty.
+
+    covariance: of the estimator that made it, as of its last range; spread_m: how far its other hypotheses lie from
+    the one flown on; age_s: how old that range is. A drift that is not known exactly blurs the place as long as no
+    range comes.
+    """
+    if estimate is None or not (isfinite(estimate.px) and isfinite(estimate.py)):
         return Target()
-    sigma = nan
+    sigma = drift_sigma = nan
     if len(covariance) == DRIFT:
-        sigma = sqrt(max(0.0, covariance[1] + covariance[3]))
+        drift_sigma = _root(covariance[4] + covariance[5])
+        sigma = hypot(_root(covariance[1] + covariance[3]), spread_m, drift_sigma * max(0.0, age_s))
     elif len(covariance) == POLAR:
-        sigma = sqrt(max(0.0, covariance[0] + estimate.r**2 * covariance[2]))
-    return Target(estimate.px, estimate.py, sigma, estimate.wx, estimate.wy)
+        sigma = hypot(_root(covariance[0] + estimate.r**2 * covariance[2]), spread_m)
+    return Target(estimate.px, estimate.py, sigma, estimate.wx, estimate.wy, drift_sigma)
+
+
+def _root(variance: float) -> float:
+    """Return the standard deviation; NaN stays NaN, and what rounding brings below 0 is 0."""
+    return 0.0 if variance < 0.0 else sqrt(variance)
 
 
 def latitude_longitude(lat_deg: float, lon_deg: float, target: Target) -> tuple[float, float]:
@@ -59,4 +71,5 @@ def describe_drift(target: Target) -> str:
     """Return the drift, for people; empty while it is not known."""
     if not (isfinite(target.drift_east_m_s) and isfinite(target.drift_north_m_s)):
         return ""
-    return f"{target.drift_east_m_s:+.1f} m/s east, {target.drift_north_m_s:+.1f} m/s north"
+    words = f"{target.drift_east_m_s:+.1f} m/s east, {target.drift_north_m_s:+.1f} m/s north"
+    return f"{words} ± {target.drift_sigma_m_s:.1f} m/s" if isfinite(target.drift_sigma_m_s) else words

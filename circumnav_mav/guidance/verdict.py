@@ -32,11 +32,12 @@ class Flight:
     lag_s: float = nan  # of turn rate, velocity and filters together
     update_s: float = nan  # how long one command is held
     wind: float = nan  # greatest steady wind expected, m/s
+    over_ground: bool = False  # V is held over the ground, whatever the wind
 
 
 def report_plain(flight: Flight) -> list[Finding]:
-    """Return what holds for any law: lap time, what the circle itself asks of the vehicle, and its bank."""
-    found = [*_circle(flight), *_bank(flight)]
+    """Return what holds for any law: lap time, what the circle itself asks of the vehicle, its bank, and wind."""
+    found = [*_circle(flight), *_bank(flight), *_wind_plain(flight)]
     return sorted(found, key=lambda finding: ("error", "warning", "info").index(finding.severity))
 
 
@@ -139,16 +140,32 @@ def _timing(f: Flight) -> Iterator[Finding]:
         yield Finding("warning", "spin", text)
 
 
-def _wind(f: Flight) -> Iterator[Finding]:
+def _wind_plain(f: Flight) -> Iterator[Finding]:
     if not isfinite(f.wind) or f.wind <= 0.0:
         return
-    if f.wind >= f.V:
+    if f.over_ground:
+        text = f"a steady wind of {f.wind:.3g} m/s moves nothing here: the autopilot holds the speed over the ground"
+        yield Finding("info", "wind", text)
+    elif f.wind >= f.V:
         text = f"a wind of {f.wind:.3g} m/s is as fast as the vehicle ({f.V:.3g}): no orbit over the ground can be held"
         yield Finding("error", "wind", text)
+    else:
+        text = f"in a wind of {f.wind:.3g} m/s it does {f.V - f.wind:.3g} to {f.V + f.wind:.3g} m/s over the ground"
+        yield Finding("info", "wind", text)
+
+
+def _wind(f: Flight) -> Iterator[Finding]:
+    if not 0.0 < f.wind < f.V:
+        yield from _wind_plain(f)
         return
     shift = theory.orbit_shift(f.r_a, f.kappa, f.wind / f.V)
+    moved = f"moves the circle by about {shift.size_m:.3g} m with this law"
+    if f.over_ground:
+        [plain] = _wind_plain(f)
+        yield Finding("info", "wind", f"{plain.text}; a target that moves so fast {moved}")
+        return
     text = (
-        f"a steady wind of {f.wind:.3g} m/s moves the circle by about {shift.size_m:.3g} m with this law "
+        f"a steady wind of {f.wind:.3g} m/s {moved} "
         "(first order in wind / speed; less with a larger kappa, none with an estimator that knows the drift)"
     )
     yield Finding("warning" if shift.size_m > 0.1 * f.r_a else "info", "wind", text)

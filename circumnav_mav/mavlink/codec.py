@@ -179,7 +179,7 @@ class Packer:
         self._signer = signer
         self._seq = 0
 
-    def pack(self, name: str, **fields: Any) -> bytes:
+    def pack(self, name: str, /, **fields: Any) -> bytes:
         """Return the frame of message `name`. Raises KeyError for a missing or unknown field."""
         shape = by_name(name)
         payload = shape.pack(fields)

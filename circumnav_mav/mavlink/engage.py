@@ -49,7 +49,7 @@ class AutoEngage:
         self._by_s = self._level_since_s = self._arm_by_s = self._arm_next_s = nan
         self._arm_tries = 0
         self._mode_before: int | None = None
-        self._climbed = False
+        self._climbed = self._arrived = False
         self._early_s = nan
         self._decided = False
         self.step = Step.WAITING
@@ -116,10 +116,9 @@ class AutoEngage:
 
     def _begin(self, now_s: float) -> None:
         named = self._plan.height_parameter
-        if named and self._link.parameters[named] < self._height_m - ARRIVED_WITHIN_M:
-            climbs_to = self._link.parameters[named]
-            self._fail(f"take-off: {named} is {climbs_to:g} m: set it to {self._height_m:g} m, orbit.height_m, or more")
-        elif self._plan.first_mode is None:
+        if named:  # the take-off climbs to this; what is left to orbit.height_m is climbed once we have control
+            self._height_m = min(self._height_m, self._link.parameters[named])
+        if self._plan.first_mode is None:
             self._arm(now_s)
         else:
             custom, param2, param3 = 1.0, *map(float, self._link.words.split(self._plan.first_mode))
@@ -185,7 +184,8 @@ class AutoEngage:
             self._level_since_s = now_s
         level = plan.level_s == 0.0 or now_s - self._level_since_s >= plan.level_s
         mode = ap.custom_mode
-        if mode == plan.arrived and arrived:
+        self._arrived = self._arrived or (mode == plan.arrived and arrived)
+        if mode == plan.arrived and self._arrived:  # for good: a plane may sink by meters before it flies level
             if level and may_ask:  # else it waits in the air, in the autopilot's own mode
                 self._link.authority.ask(now_s)
                 self.step = Step.ASKED

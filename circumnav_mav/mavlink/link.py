@@ -20,6 +20,7 @@ from circumnav_mav.mavlink.modes import ModeWords
 from circumnav_mav.mavlink.offboard import Authority, Control, ModeRequest, Seen
 from circumnav_mav.mavlink.signing import Signer
 from circumnav_mav.mavlink.streams import WANTED_HZ, interval_us, unwanted
+from circumnav_mav.mavlink.timesync import TimeSync
 
 COMPANION_COMPONENT = 191
 HEARTBEAT_S = 1.0
@@ -29,6 +30,8 @@ NEED_HZ = 1.0
 """Rate to ask for what a vehicle class needs to hear, without flying on it."""
 PARAM_INT32 = 6
 STATUSTEXT_LENGTH = 50
+TARGET, DRIFT = b"TARGET", b"DRIFT"
+"""Names, at most ten letters, under which ground stations and logs show the target."""
 LET_GO = frozenset({Control.RELEASED, Control.GIVEN_BACK})
 COMMANDS = frozenset({"COMMAND_LONG", "COMMAND_INT"})
 SETPOINTS = frozenset({"SET_POSITION_TARGET_LOCAL_NED", "SET_POSITION_TARGET_GLOBAL_INT", "SET_ATTITUDE_TARGET"})
@@ -51,6 +54,7 @@ class AutopilotLink:
         self.words = words
         self.authority = Authority(self.autopilot, words)
         self.commands = CommandQueue()
+        self.time = TimeSync()
         self.parameters: dict[str, float] = {}
         self.latch_commands = 0
         """How often MAV_CMD_USER_1 came for this component: the operator's wish to be followed again."""
@@ -101,6 +105,7 @@ class AutopilotLink:
                 if autopilot.reboots != self._reboots:
                     self._reboots = autopilot.reboots
                     self.authority.lost("the autopilot has restarted")
+                    self.time.forget()
                 handler = handlers.get(name)
                 if handler is not None:
                     handler(message.fields, now_s)
@@ -112,10 +117,17 @@ class AutopilotLink:
             elif name == "HEARTBEAT" or name in SETPOINTS:
                 self._watch_rivals(message, now_s)
                 continue
+            if name == "TIMESYNC" and message.fields.tc1:
+                self.time.answer((message.sysid, message.compid), message.fields.ts1, message.fields.tc1, now_s)
             if name not in OWN_MESSAGES:
                 others.append(message)
         self.counts.decoded = self._decoder.decoded
         return frames, others
+
+    def is_autopilots(self, frames: list[Frame]) -> bool:
+        """Return whether the autopilot is among the senders of frames; until it is known, any autopilot."""
+        sysid = self.autopilot.sysid
+        return any(f.compid == AUTOPILOT_COMPONENT and sysid in (None, f.sysid) for f in frames)
 
     def _on_mode(self, fields: Any, now_s: float) -> None:
         self.authority.on_mode(now_s)
@@ -183,6 +195,8 @@ class AutopilotLink:
         if self._timesync is not None:
             due.append(self._packer.pack("TIMESYNC", tc1=int(now_s * 1e9), ts1=self._timesync))
             self._timesync = None
+        if (token := self.time.question(now_s)) is not None:
+            due.append(self._packer.pack("TIMESYNC", tc1=0, ts1=token))
         due += [self._command(command) for command in self.commands.poll(now_s)]
         if self.authority.seen() is Seen.NOTHING and not now_s < self._ask_mode_next_s:
             due += self._ask_mode(now_s)  # the last answer may have been lost
@@ -228,6 +242,7 @@ class AutopilotLink:
 
     def reconnected(self, now_s: float) -> list[bytes]:
         """The link was lost and is back: set it up again, its settings went with it; then as after any gap."""
+        self.time.forget()
         self._set_up_for = (None, 0)
         return self.after_gap(now_s)
 
@@ -268,6 +283,19 @@ class AutopilotLink:
             z=0.0 if isnan(self.autopilot.amsl_m) else self.autopilot.amsl_m,
             frame=enums.MAV_FRAME_GLOBAL,
         )
+
+    def target_vector(self, now_s: float, north_m: float, east_m: float, sigma_m: float) -> bytes:
+        """Return DEBUG_VECT `TARGET`: the target from the vehicle (x north, y east) and the uncertainty z, in metres.
+
+        Ground stations keep one row a message and component, whatever its name: so no message is sent under two names.
+        """
+        return self._packer.pack("DEBUG_VECT", name=TARGET, time_usec=int(now_s * 1e6), x=north_m, y=east_m, z=sigma_m)
+
+    def drift_array(self, now_s: float, north_m_s: float, east_m_s: float, sigma_m_s: float) -> bytes:
+        """Return DEBUG_FLOAT_ARRAY `DRIFT`: wind minus the target's velocity (north, east), its uncertainty, in m/s."""
+        values = (north_m_s, east_m_s, sigma_m_s)
+        data = values + (0.0,) * (by_name("DEBUG_FLOAT_ARRAY").lengths[-1] - len(values))
+        return self._packer.pack("DEBUG_FLOAT_ARRAY", time_usec=int(now_s * 1e6), name=DRIFT, array_id=0, data=data)
 
     def _heartbeat(self) -> bytes:
         return self._packer.pack(

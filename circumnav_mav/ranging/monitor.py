@@ -19,9 +19,10 @@ MOST_KEPT = 4096
 class Status:
     """The last WINDOW_S in figures; NaN: not known yet.
 
-    age_s: since the last range was true; delay_s: mean age of a range when it arrives; jitter_s: standard deviation of
-    the time between arrivals; longest_gap_s: the longest time without one, the current one included; noise_m: standard
-    deviation of one range that its neighbours do not explain; accepted, rejected, details: since the start.
+    age_s: since the last range was true; delay_s: mean age of a range when it arrives, NaN where nothing tells (no
+    stamps and no latency_s); jitter_s: standard deviation of the time between arrivals; longest_gap_s: the longest time
+    without one, the current one included; noise_m: standard deviation of one range that its neighbours do not explain;
+    accepted, rejected, details: since the start.
     """
 
     rate_hz: float
@@ -60,7 +61,8 @@ class Monitor:
         return Status(
             rate_hz=len(arrivals) / watched_s if watched_s > 0.0 else nan,
             age_s=now_s - last.t_s if last else nan,
-            delay_s=fmean(at_s - sample.t_s for at_s, sample in self._recent) if self._recent else nan,
+            # Exactly 0 is no delay that was measured: without stamps a range is dated by its arrival.
+            delay_s=(fmean(at_s - sample.t_s for at_s, sample in self._recent) or nan) if self._recent else nan,
             jitter_s=_deviation(gaps),
             longest_gap_s=max([*gaps, now_s - arrivals[-1]]) if arrivals else watched_s,
             noise_m=_noise([sample.range_m for _, sample in self._recent]),

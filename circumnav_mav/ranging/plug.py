@@ -63,7 +63,8 @@ class Settings:
 
     from_: (system, component) of the sender, None = any component but an autopilot; orientation: None = any but down.
     latency_s: fixed delay from the measurement to its arrival [s]. use_stamps: take out link delay by the device's own
-    timestamps. stuck_s: None = what suits the source, 0 = never. options: keys that one source alone understands.
+    timestamps. stamped_by: whose clock these show, "sender" or "autopilot". stuck_s: None = what suits the source,
+    0 = never. options: keys that one source alone understands.
     """
 
     from_: tuple[int, int] | None = None
@@ -77,6 +78,7 @@ class Settings:
     max_age_s: float = 1.0
     latency_s: float = 0.0
     use_stamps: bool = True
+    stamped_by: str = "sender"
     stuck_s: float | None = None
     options: Mapping[str, Any] = field(default_factory=dict)
 

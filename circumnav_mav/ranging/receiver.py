@@ -9,15 +9,16 @@ accepted is kept and any other is rejected, because two beacons mixed into one c
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from difflib import get_close_matches
 from typing import Any, NamedTuple
 
 from circumnav_mav.ranging.counts import Counts
 from circumnav_mav.ranging.gate import Gate, Limits
 from circumnav_mav.ranging.plug import NAN, ByteSource, MessageSource, Reading, Reason, Settings, Source
+from circumnav_mav.ranging.shared_clock import SharedClock
 from circumnav_mav.ranging.stamps import StampClock
-from circumnav_mav.types import RangeSample, Rejected
+from circumnav_mav.types import ClockOffset, RangeSample, Rejected
 
 DOWN = 25
 """MAV_SENSOR_ROTATION_PITCH_270: a range finder that looks at the ground, never a beacon."""
@@ -41,6 +42,12 @@ class Channel(NamedTuple):
     sensor_id: int | None
     beacon_id: int | None
 
+    def __str__(self) -> str:
+        """Return it in the words of the configuration: what would choose it."""
+        sender = None if self.sender is None else list(self.sender)
+        keys = (("from", sender), ("sensor_id", self.sensor_id), ("beacon_id", self.beacon_id))
+        return ", ".join(f"{key} {value}" for key, value in keys if value is not None) or "the only channel"
+
 
 class _Receiver:
     def __init__(self, source: Source, settings: Settings) -> None:
@@ -56,13 +63,14 @@ class _Receiver:
         self._limits = Limits(settings.max_age_s, settings.min_m, settings.max_m, settings.min_quality_pct, stuck_s)
         self._gate = Gate(self._limits)
         self._clock = StampClock(DOUBT_SHARE * settings.max_age_s)
+        self._shared = SharedClock()
         self.flown: Channel | None = None
         """The channel that is flown on, once a range was accepted."""
 
     @property
     def clock_words(self) -> str:
         """What is wrong with the device's clock, for people; empty where nothing is."""
-        return self._clock.words
+        return self._shared.words or ("" if self._shared.fits else self._clock.words)
 
     def _finish(
         self, sender: tuple[int, int] | None, reading: Reading | Rejected, now_s: float
@@ -80,9 +88,9 @@ class _Receiver:
             return mismatch
         if self.flown is None:  # what other channels said before must not colour the first of ours
             self._gate = Gate(self._limits)
-            self._clock = StampClock(DOUBT_SHARE * self._settings.max_age_s)
+            self._clock, self._shared = StampClock(DOUBT_SHARE * self._settings.max_age_s), SharedClock()
         sample = RangeSample(
-            t_s=self._measured_at(reading, now_s),
+            t_s=self._measured_at(sender, reading, now_s),
             range_m=reading.range_m - self._settings.bias_m,
             range_rate_m_s=reading.range_rate_m_s,
             sigma_m=reading.sigma_m if math.isfinite(reading.sigma_m) and reading.sigma_m > 0.0 else NAN,
@@ -125,10 +133,17 @@ class _Receiver:
                 return Rejected(now_s, reason, detail)
         return None
 
-    def _measured_at(self, reading: Reading, now_s: float) -> float:
-        if self._settings.use_stamps and math.isfinite(reading.stamp_s):
-            return self._clock.to_ours(reading.stamp_s, now_s) - self._settings.latency_s
-        return now_s - self._settings.latency_s
+    def _measured_at(self, sender: tuple[int, int] | None, reading: Reading, now_s: float) -> float:
+        if not (self._settings.use_stamps and math.isfinite(reading.stamp_s)):
+            return now_s - self._settings.latency_s
+        by_line_s = self._clock.to_ours(reading.stamp_s, now_s)
+        clock = self._clock_of(sender, now_s)
+        by_clock_s = None if clock is None else self._shared.to_ours(reading.stamp_s, now_s, clock)
+        return (by_line_s if by_clock_s is None else by_clock_s) - self._settings.latency_s
+
+    def _clock_of(self, sender: tuple[int, int] | None, now_s: float) -> ClockOffset | None:
+        """Return the clock that stamps, where somebody knows it."""
+        return None
 
 
 class MessageReceiver(_Receiver):
@@ -138,6 +153,8 @@ class MessageReceiver(_Receiver):
         super().__init__(source, settings)
         self.message_ids = frozenset(source.message_ids)
         self.autopilot: tuple[int, int] | None = None
+        self.clocks: Callable[[tuple[int, int], float], ClockOffset | None] = lambda sender, now_s: None
+        """What is known of the clock of (system, component)."""
         self._from = None if settings.from_ is None else tuple(settings.from_)  # a list out of a file will do
         self._read = source.read
 
@@ -146,6 +163,10 @@ class MessageReceiver(_Receiver):
         sender = (system, component)
         reading = self._match_sender(sender, now_s) or self._read(fields, now_s)
         return self._finish(sender, reading, now_s)
+
+    def _clock_of(self, sender: tuple[int, int] | None, now_s: float) -> ClockOffset | None:
+        whose = self.autopilot if self._settings.stamped_by == "autopilot" else sender
+        return None if whose is None else self.clocks(whose, now_s)
 
     def _match_sender(self, sender: tuple[int, int], now_s: float) -> Rejected | None:
         want = self._from

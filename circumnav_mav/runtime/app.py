@@ -30,6 +30,8 @@ from circumnav_mav.runtime.watchdog import WITHIN_S, Watchdog
 
 END_WITHIN_S = 8.0
 """A polite end that has not come by then is cut short: three requests a second apart, and some."""
+FIT_WITHIN = 3
+"""An autopilot's estimator may take this many times `wait_s` to settle, its GPS longer than to be heard."""
 MANY_DROPS = 10
 
 
@@ -38,7 +40,7 @@ class Options:
     """How one run ends and what it waits for, in flight seconds."""
 
     duration_s: float = inf
-    wait_s: float = inf  # give up when the autopilot or the range has not been heard by then
+    wait_s: float = inf  # give up when the autopilot and the range have not been heard by then
     end_on_release: bool = False  # nobody is there to engage again (demo)
     end_after_orbiting_s: float = inf
     gone: Callable[[], str] | None = None  # asked every tick: why the vehicle's process is no more (demo), or nothing
@@ -75,7 +77,7 @@ class App:
         self._shown_events = 0
         self._ticks = self._missed = 0
         self._lateness_s = 0.0
-        self._drops_told = False
+        self._drops_told = self._was_ready = False
         self._verdict: tuple[str, str] | None = None
         self._silenced = False
         self._limited = LimitedTicks()
@@ -132,10 +134,11 @@ class App:
         self._silenced = True
         self._verdict = ("hung", f"the loop did not tick for {WITHIN_S:g} s; setpoints have stopped for good")
 
-    def _on_data(self, link: str, data: bytes) -> None:
+    def _on_data(self, link: str, data: bytes) -> bool:
         frames = self.flight.receive(data, self._clock.now(), link, whole=self._links[link].whole)
         for frame in frames:
             self._recorder.frame(frame.raw)
+        return self.flight.link.is_autopilots(frames)
 
     def _on_change(self, link: str, up: bool, words: str) -> None:
         now_s = self._clock.now()
@@ -212,9 +215,12 @@ class App:
             return "no_autopilot", why
         if now_s >= self._end_by_s:
             return "stopped", "the autopilot did not confirm the end; setpoints have stopped"
-        if now_s >= options.wait_s and not flight.engaged_s < inf:
-            if flight.unfit is not None:
+        self._was_ready = self._was_ready or phase is Phase.READY
+        if now_s >= options.wait_s and not self._was_ready:
+            if flight.unfit is not None and (flight.unfit.final or now_s >= FIT_WITHIN * options.wait_s):
                 return "refused", flight.unfit.text
+            if flight.unfit is not None:
+                return None
             if phase is Phase.WAITING_AUTOPILOT:
                 return "no_autopilot", no_autopilot(self._config.vehicle.link, flight)
             if phase is Phase.WAITING_RANGE:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import signal
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from math import inf
 
 from circumnav_mav.config import Config
@@ -13,6 +13,7 @@ from circumnav_mav.mavlink.codec import Packer
 from circumnav_mav.mavlink.dialect import enums
 from circumnav_mav.range_feed import RangeFeed
 from circumnav_mav.ranging.monitor import Monitor, Status
+from circumnav_mav.ranging.receiver import Channel
 from circumnav_mav.runtime.clock import Clock
 from circumnav_mav.runtime.keyfile import open_signer
 from circumnav_mav.runtime.links import open_link, open_ranging_link
@@ -35,6 +36,7 @@ class RangingApp:
         self.monitor = Monitor(self.feed.counts, clock.now())
         self.samples: list[RangeSample] = []
         self._told: set[str] = set()
+        self._channels: set[Channel] = set()
         self._clock_told = False
         self._stopped = asyncio.Event()
         self._packer: Packer | None = None
@@ -74,10 +76,13 @@ class RangingApp:
             except TimeoutError:
                 continue
 
-    def take(self, data: bytes) -> None:
+    def take(self, data: bytes) -> bool:
         """Take in what the link has heard."""
         now_s = self._clock.now()
         _, results = self.feed.on_bytes(data, now_s, whole=self._link.whole, signer=self._signer)
+        for channel in [channel for channel in self.feed.receiver.heard if channel not in self._channels]:
+            self._channels.add(channel)
+            self._view.event(now_s, f"heard: {channel}")
         for result in results:
             self.monitor.add(result, now_s)
             if isinstance(result, RangeSample):
@@ -88,11 +93,18 @@ class RangingApp:
         if not self._clock_told and (words := self.feed.receiver.clock_words):
             self._clock_told = True
             self._view.event(now_s, words)
+        return True
 
     def _on_change(self, up: bool, words: str) -> None:
         self._view.event(self._clock.now(), words)
         if not up and self._link.endpoint.kind == "file":  # nothing more will come
             self._stopped.set()
+
+    def heard(self) -> Iterator[str]:
+        """Yield a line for each beacon, sensor and sender that was heard: what the configuration can choose from."""
+        receiver = self.feed.receiver
+        for channel, range_m in receiver.heard.items():
+            yield f"{channel}: {range_m:.3f} m" + (", flown on" if channel == receiver.flown else "")
 
     def hint(self) -> str:
         """Return in words why there is no range at all, as far as can be told, and what to do."""
@@ -102,8 +114,8 @@ class RangingApp:
         return self.feed.why_none(self._link.endpoint)
 
 
-def summary(status: Status, duration_s: float, hint: str) -> Iterator[str]:
-    """Yield the lines that end a run."""
+def summary(status: Status, duration_s: float, hint: str, heard: Iterable[str] = ()) -> Iterator[str]:
+    """Yield the lines that end a run. heard: as RangingApp.heard says it."""
     rate_hz = status.accepted / duration_s if duration_s > 0.0 else 0.0
     yield f"ranges     {status.accepted} in {duration_s:.1f} s, {rate_hz:.1f} Hz"
     if status.last is not None:
@@ -115,6 +127,7 @@ def summary(status: Status, duration_s: float, hint: str) -> Iterator[str]:
             f"longest gap {status.longest_gap_s:.2f} s, delay {number(status.delay_s * 1e3, '.1f', ' ms')} (last 10 s)"
         )
         yield f"noise      {number(status.noise_m, '.3f', ' m')} (last 10 s)"
+    yield from (f"heard      {words}" for words in heard)
     for reason, count in sorted(status.rejected.items(), key=lambda item: -item[1]):
         yield f"rejected   {count} {reason}: {status.details.get(reason, '')}".rstrip(": ")
     if hint:

@@ -43,7 +43,7 @@ def run_ranging(
     finally:
         view.close()
         loop.close()
-    for line in summary(status, clock.now(), app.hint()):
+    for line in summary(status, clock.now(), app.hint(), app.heard()):
         say(line)
     if record is not None and (problem := _record(app.samples, record, say)):
         return problem

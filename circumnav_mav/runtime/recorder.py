@@ -62,7 +62,8 @@ class Recorder:
 
     def tick(self, values: Iterable[object]) -> None:
         """Record one tick, in the order of the header."""
-        line = ",".join([f"{v:.8g}" if type(v) is float else str(v) for v in values])
+        # Ten digits: a longitude to the centimetre.
+        line = ",".join([f"{v:.10g}" if type(v) is float else str(v) for v in values])
         self._put("ticks.csv", (line + "\n").encode())
 
     def event(self, t_s: float, text: str) -> None:

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 import math
-import sys
-import time
 from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import Executor
 from dataclasses import asdict, dataclass
-from pathlib import Path
 
 import numpy as np
 
@@ -47,9 +44,17 @@ class Row:
     least_range_m: float  # over all runs, from the start on
 
 
-def row(scenario: Scenario, pilot: Pilot, runs: int, seed: int, progress: Callable[[int], None] | None = None) -> Row:
+def row(
+    scenario: Scenario,
+    pilot: Pilot,
+    runs: int,
+    seed: int,
+    progress: Callable[[int], None] | None = None,
+    workers: int | None = None,
+    executor: Executor | None = None,
+) -> Row:
     """Fly a scenario `runs` times and return its row."""
-    flown = simulate(scenario, pilot, runs, seed, progress)
+    flown = simulate(scenario, pilot, runs, seed, progress, workers, executor)
     rms = np.sqrt(flown["tail_ms"])
     settled = np.isfinite(flown["settle_s"])
     ms = float(flown["tail_ms"].mean())
@@ -87,6 +92,8 @@ def compare(
     runs: int = 100,
     seed: int = 1,
     progress: Progress | None = None,
+    workers: int | None = None,
+    executor: Executor | None = None,
 ) -> list[Row]:
     """Return a row for every scenario and every combination that can fly.
 
@@ -112,7 +119,7 @@ def compare(
     jobs = [(name, law, estimator) for law, estimator in flown for name in names]
     for n, (name, law, estimator) in enumerate(jobs):
         tell = _teller(progress, f"{name} {law} {estimator}", n * runs, runs, len(jobs) * runs)
-        rows.append(row(SCENARIOS[name], Pilot(law, estimator), runs, seed, tell))
+        rows.append(row(SCENARIOS[name], Pilot(law, estimator), runs, seed, tell, workers, executor))
     return rows
 
 
@@ -160,37 +167,3 @@ def to_json(rows: Iterable[Row]) -> str:
 
 def finite(value: object) -> object:
     return None if isinstance(value, float) and not math.isfinite(value) else value
-
-
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command; 2 for a name that does not exist."""
-    parser = argparse.ArgumentParser(prog="compare", description=__doc__)
-    parser.add_argument("--scenario", action="append", help="by name; may be given again (default: all)")
-    parser.add_argument("--law", action="append")
-    parser.add_argument("--estimator", action="append")
-    parser.add_argument("--all", action="store_true", help="every law on every estimator")
-    parser.add_argument("--runs", type=int, default=100)
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--json", type=Path)
-    given = parser.parse_args(arguments)
-    laws = given.law or (list(LAWS) if given.all else [BEST[0]])
-    estimators = given.estimator or (list(ESTIMATORS) if given.all else [BEST[1]])
-    start = time.monotonic()
-
-    def progress(title: str, done: int, whole: int) -> None:
-        print(f"\r{100 * done // whole:3d} %  {title:50s}", end="", file=sys.stderr, flush=True)
-
-    try:
-        rows = compare(given.scenario or list(SCENARIOS), laws, estimators, given.runs, given.seed, progress)
-    except ValueError as fault:
-        print(fault, file=sys.stderr)
-        return 2
-    print(f"\r{'':60s}\r{len(rows)} rows in {time.monotonic() - start:.0f} s", file=sys.stderr)
-    print(table(rows))
-    if given.json:
-        given.json.write_text(to_json(rows), encoding="utf-8")
-    return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -2,8 +2,9 @@
 
 A kernel finds the others as globals of its module. So a compiled kernel is the same code with its globals replaced by
 their compiled twins, and no list of kernels in dependency order has to be kept by hand.
-Compiled code is kept on disk under a key made from the source of the whole guidance and study packages: numba's own
-cache looks at one file only and would run an old callee after an edit.
+Compiled code is kept on disk under a key made from the source of the guidance package and of the study's modules that
+the kernels stand in: numba's own cache looks at one file only and would run an old callee after an edit. What older
+sources left is cleared away, but for the last few.
 """
 
 from __future__ import annotations
@@ -11,6 +12,9 @@ from __future__ import annotations
 import contextlib
 import functools
 import hashlib
+import inspect
+import os
+import shutil
 import types
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
@@ -23,6 +27,9 @@ with contextlib.suppress(ImportError):
     import numba
 
 PACKAGE = Path(circumnav_mav.__file__).parent
+
+KEPT = 8
+"""Folders of compiled code that stay: one for each state of the sources and each of the study's drivers."""
 
 
 def available() -> bool:
@@ -43,7 +50,7 @@ def compiled(
     if numba is None:
         return _twin(kernel, bound)
     names = "+".join(sorted(f"{f.__module__}.{f.__qualname__}" for f in bound.values())) + f" {side_by_side}"
-    directory = PACKAGE / "study" / "__pycache__" / "kernels" / _digest(names)
+    directory = _folder(_digest(_files(kernel, bound))) / hashlib.sha256(names.encode()).hexdigest()[:16]
     before = numba.config.CACHE_DIR
     numba.config.CACHE_DIR = str(directory)
     try:
@@ -84,15 +91,44 @@ def _twin(kernel: Callable[..., Any], replaced: Mapping[str, Any]) -> Callable[.
     return twin
 
 
-def _digest(names: str) -> str:
-    return hashlib.sha256(names.encode() + _sources(PACKAGE)).hexdigest()[:16]
+def _files(kernel: Callable[..., Any], bound: Mapping[str, Callable[..., Any]]) -> frozenset[Path]:
+    """Return the study's source files that the kernel and all it calls stand in."""
+    seen: set[Any] = set()
+    ahead = [kernel, *bound.values()]
+    while ahead:
+        one = ahead.pop()
+        if one not in seen:
+            seen.add(one)
+            ahead += [callee for _, callee in _callees(one)]
+    files = {Path(inspect.getfile(one)) for one in seen}
+    return frozenset(file for file in files if file.parent == PACKAGE / "study")
 
 
 @functools.cache
-def _sources(package: Path) -> bytes:
-    """Return the digest of the sources as first seen: an edit must not change the key of a running process."""
+def _digest(files: frozenset[Path]) -> str:
+    """Return a key of the sources as first seen: an edit must not change the key of a running process."""
     digest = hashlib.sha256()
-    for folder in ("guidance", "study"):
-        for path in sorted((package / folder).rglob("*.py")):
-            digest.update(path.read_bytes())
-    return digest.digest()
+    for path in sorted({*(PACKAGE / "guidance").rglob("*.py"), *files}):
+        digest.update(path.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+def _folder(key: str) -> Path:
+    """Return the folder of a key, the newest one now; make it, and clear what is older than the last KEPT away."""
+    folder = _home() / key
+    if not folder.exists():
+        folder.mkdir(parents=True, exist_ok=True)
+        by_age = sorted(folder.parent.iterdir(), key=lambda path: path.stat().st_mtime, reverse=True)
+        for old in by_age[KEPT:]:
+            shutil.rmtree(old, ignore_errors=True)
+    os.utime(folder)
+    return folder
+
+
+def _home() -> Path:
+    """Return where compiled code is kept: beside the sources, or in the user's cache where those cannot be written."""
+    beside = PACKAGE / "study" / "__pycache__" / "kernels"
+    if os.access(PACKAGE / "study", os.W_OK):
+        return beside
+    cache = os.environ.get("XDG_CACHE_HOME") or "~/.cache"
+    return Path(cache).expanduser() / "circumnav_mav" / "kernels"

@@ -1,4 +1,4 @@
-"""What chance does in a run: keyed by seed and index of the run, so that it is the same for any law and any workers."""
+"""The study's one source of chance: keyed by the seed and the run, so the same for any law and any workers."""
 
 from __future__ import annotations
 
@@ -12,6 +12,27 @@ from circumnav_mav.study.plant import Plant, World
 from circumnav_mav.study.scenarios import Scenario
 
 Floats = NDArray[np.float64]
+
+BLOCK = 16
+"""Runs of the paper's plant that share a stream: making one costs more than 1,000 draws from it."""
+
+
+def generator(seed: int, *key: int) -> np.random.Generator:
+    """Return a stream of its own for each seed and key."""
+    return np.random.Generator(np.random.SFC64(np.random.SeedSequence(seed, spawn_key=key)))
+
+
+def normals(seed: int, stream: int, first: int, count: int, steps: int, channel: int = 0) -> Floats:
+    """Return standard normal draws (count, steps) for the runs first ... first + count - 1 of a stream.
+
+    A row hangs on its run alone, not on which runs are asked for together. channel: one a sensor.
+    """
+    draws = np.empty((count, steps))
+    for block in range(first // BLOCK, -(-(first + count) // BLOCK)):
+        rows = generator(seed, stream, block, channel).standard_normal((BLOCK, steps))
+        low, high = max(first, block * BLOCK), min(first + count, (block + 1) * BLOCK)
+        draws[low - first : high - first] = rows[low - block * BLOCK : high - block * BLOCK]
+    return draws
 
 
 class Chance(NamedTuple):
@@ -27,10 +48,7 @@ class Chance(NamedTuple):
 
 def draw(scenario: Scenario, seed: int, index: int) -> Chance:
     """Return the draws of run `index`. Scenarios that differ in one thing share the draws of all others."""
-    place, ranges, rates, gusts = (
-        np.random.Generator(np.random.SFC64(np.random.SeedSequence(seed, spawn_key=(index, stream))))
-        for stream in range(4)
-    )
+    place, ranges, rates, gusts = (generator(seed, index, stream) for stream in range(4))
     steps = round(scenario.duration_s / scenario.control_s)
     n = steps // scenario.range_every + 1
     return Chance(

@@ -14,13 +14,19 @@ from concurrent.futures import Executor
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
+from zipfile import BadZipFile
 
 import numpy as np
 
+from circumnav_mav.guidance.estimators import ESTIMATORS
+from circumnav_mav.guidance.laws import LAWS
 from circumnav_mav.study import paper_run
 from circumnav_mav.study.paper_run import Case, Plant, Progress, Table
 
 LAW = "hashemi2013"
+SWEPT = tuple(name for name, law in LAWS.items() if "kappa" in law.options)
+"""The laws with a gain kappa = k r_a."""
+
 AIRS = ("calm", "wind")
 FIELDS = ("mse_all", "mse_tail", "rdot2_all", "rdot2_tail", "u2_tail", "bias_tail")
 GAINS = tuple(round(0.1 + 0.15 * n, 2) for n in range(20))
@@ -38,6 +44,8 @@ class Options:
     window: float = 0.5  # share of the run, at its end, that counts as its tail
     gains_rad_m: tuple[float, ...] = GAINS
     workers: int | None = None  # None: one a core
+    law: str = LAW  # one with a gain kappa
+    estimator: str | None = None  # None: the truth, with noise on r_dot
 
     def plant(self, air: str) -> Plant:
         """Return the paper's plant in calm air or in its wind. Raises ValueError in words for nonsense."""
@@ -50,9 +58,16 @@ class Options:
         return replace(calm, wind_x_m_s=wind * math.cos(WIND_TOWARDS_RAD), wind_y_m_s=wind * math.sin(WIND_TOWARDS_RAD))
 
     def cases(self) -> list[Case]:
-        """Return a case for each air and gain, each in noise of its own."""
+        """Return a case for each air and gain, each in noise of its own. Raises ValueError in words."""
+        for name, known in ((self.law, SWEPT), (self.estimator, [None, *ESTIMATORS])):
+            if name not in known:
+                raise ValueError(f"{name!r} cannot be swept over a gain; there are: {', '.join(filter(None, known))}")
         pairs = [(air, k) for air in AIRS for k in self.gains_rad_m]
-        return [paper_run.case(LAW, {"k": k}, self.plant(air), stream) for stream, (air, k) in enumerate(pairs)]
+        return [self.case(self.law, k, self.plant(air), stream) for stream, (air, k) in enumerate(pairs)]
+
+    def case(self, law: str, k: float, plant: Plant, stream: int = 0) -> Case:
+        """Return a case of a law at a gain k [rad/m], on the estimator of these options."""
+        return paper_run.case(law, {"kappa": k * plant.r_a_m}, plant, stream, self.estimator)
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,9 +153,12 @@ def save(result: StudyResult, file: Path) -> None:
 
 
 def load(file: Path) -> StudyResult:
-    """Return a result that `save` wrote."""
-    rows, about = paper_run.load(file)
-    fields: dict[str, Any] = {
-        name: tuple(value) if isinstance(value, list) else value for name, value in about["options"].items()
-    }
-    return StudyResult(Options(**fields), rows, about["elapsed_s"], about["steps"])
+    """Return a result that `save` wrote. Raises ValueError in words for any other file."""
+    try:
+        rows, about = paper_run.load(file)
+        fields: dict[str, Any] = {
+            name: tuple(value) if isinstance(value, list) else value for name, value in about["options"].items()
+        }
+        return StudyResult(Options(**fields), rows, about["elapsed_s"], about["steps"])
+    except (ValueError, KeyError, TypeError, EOFError, BadZipFile) as error:
+        raise ValueError(f"{file} is not a file that `circumnav study --save` wrote") from error

@@ -6,17 +6,17 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.patches import Circle
 from matplotlib.ticker import NullLocator
 
 from circumnav_mav.guidance import feasibility
 from circumnav_mav.guidance.laws.hashemi2013 import inner_radius
 from circumnav_mav.study import paper_run
-from circumnav_mav.study.paper import LAW, Options, StudyResult
+from circumnav_mav.study.paper import Options, StudyResult
 from circumnav_mav.study.paper_run import Plant, Progress
 
 OUTER_ALONE = "hashemi2013_outer"
@@ -51,23 +51,28 @@ def draw(result: StudyResult, folder: Path, progress: Progress | None = None) ->
 
 
 def _path(
-    axes: Axes, options: Options, law: str, k: float, air: str = "calm", noise_run: int = 0, **change: float
+    axes: Axes, options: Options, law: str | None, k: float, air: str = "calm", noise_run: int = 0, **change: float
 ) -> None:
     plant = replace(options.plant(air), **change)
-    one = paper_run.case(law, {"k": k}, plant)
+    one = options.case(law or options.law, k, plant)
     rows = paper_run.trace(one, options.seed, noise_run)
     _scene(axes, plant, k)
-    axes.plot(rows["x_m"], rows["y_m"], color=PATH, linewidth=0.8)
+    axes.plot(rows["x_m"], rows["y_m"], color=PATH, linewidth=0.8, label="path")
     axes.plot(rows["x_m"][:1], rows["y_m"][:1], "o", color="tab:green", markersize=5, label="start")
-    axes.legend(loc="upper right", fontsize=7)
+    axes.legend(loc="lower left", fontsize=7)
+
+
+def _circle(axes: Axes, radius_m: float, label: str, **style: Any) -> None:
+    angle = np.linspace(0.0, math.tau, 181)
+    axes.plot(radius_m * np.cos(angle), radius_m * np.sin(angle), label=label, **style)
 
 
 def _scene(axes: Axes, plant: Plant, k: float) -> None:
     r_a = plant.r_a_m
-    axes.add_patch(Circle((0, 0), r_a, fill=False, color=ORBIT, linestyle="--", linewidth=1.4, label="$r_a$"))
+    _circle(axes, r_a, "$r_a$", color=ORBIT, linestyle="--", linewidth=1.4)
     r_s = inner_radius(r_a, k * r_a)
     if r_s > 0.0:
-        axes.add_patch(Circle((0, 0), r_s, fill=False, color=TANGENT, linestyle=":", linewidth=1.0, label="$r_s$"))
+        _circle(axes, r_s, "$r_s$", color=TANGENT, linestyle=":", linewidth=1.0)
     axes.plot([0], [0], "k+", markersize=9, label="target")
     speed = math.hypot(plant.wind_x_m_s, plant.wind_y_m_s)
     if speed > 0.0:
@@ -87,9 +92,9 @@ def _from_inside(axes: Axes, result: StudyResult) -> None:
     k, r_a = 1.0, Plant().r_a_m
     orbits = feasibility.inner_orbits(r_a, k * r_a)
     assert orbits is not None  # kappa is 10
-    _path(axes, result.options, LAW, k, x_m=-orbits[0], y_m=0.0, heading_rad=1.5 * math.pi)
-    axes.add_patch(Circle((0, 0), orbits[0], fill=False, color="tab:gray", linewidth=1.0, label="$r_{i-}$"))
-    axes.legend(loc="upper right", fontsize=7)
+    _path(axes, result.options, None, k, x_m=-orbits[0], y_m=0.0, heading_rad=1.5 * math.pi)
+    _circle(axes, orbits[0], "$r_{i-}$", color="tab:gray", linewidth=1.0)
+    axes.legend(loc="lower left", fontsize=7)
 
 
 def _against_gain(axes: Axes, result: StudyResult, air: str, what: str, label: str) -> None:
@@ -117,7 +122,7 @@ def _against_gain(axes: Axes, result: StudyResult, air: str, what: str, label: s
     axes.legend(fontsize=7)
 
 
-def _flight(law: str, k: float, air: str = "calm", noise_run: int = 0) -> Callable[[Axes, StudyResult], None]:
+def _flight(law: str | None, k: float, air: str = "calm", noise_run: int = 0) -> Callable[[Axes, StudyResult], None]:
     return lambda axes, result: _path(axes, result.options, law, k, air, noise_run)
 
 
@@ -134,14 +139,14 @@ PICTURES = (
         "$u_o$ alone, k = 1, cuts across the circle",
         _flight(OUTER_ALONE, 1.0),
     ),
-    Picture(3, "law_from_outside", "u from outside, k = 1", _flight(LAW, 1.0)),
+    Picture(3, "law_from_outside", "u from outside, k = 1", _flight(None, 1.0)),
     Picture(4, "law_from_inside", r"u from $r_{i-}$, $\theta = 3\pi/2$, k = 1", _from_inside),
-    Picture(5, "noisy_small_gain", "measurement error, k = 0.1", _flight(LAW, 0.1, noise_run=1)),
-    Picture(6, "noisy_large_gain", "measurement error, k = 1", _flight(LAW, 1.0, noise_run=1)),
+    Picture(5, "noisy_small_gain", "measurement error, k = 0.1", _flight(None, 0.1, noise_run=1)),
+    Picture(6, "noisy_large_gain", "measurement error, k = 1", _flight(None, 1.0, noise_run=1)),
     Picture(7, "error_against_gain", "radial error, no wind", _means("calm", "mse")),
     Picture(8, "range_rate_against_gain", "range rate, no wind", _means("calm", "rdot2")),
-    Picture(9, "wind_small_gain", "measurement error and wind, k = 0.1", _flight(LAW, 0.1, "wind")),
-    Picture(10, "wind_large_gain", "measurement error and wind, k = 1", _flight(LAW, 1.0, "wind")),
+    Picture(9, "wind_small_gain", "measurement error and wind, k = 0.1", _flight(None, 0.1, "wind")),
+    Picture(10, "wind_large_gain", "measurement error and wind, k = 1", _flight(None, 1.0, "wind")),
     Picture(11, "wind_error_against_gain", "radial error in wind", _means("wind", "mse")),
     Picture(12, "wind_range_rate_against_gain", "range rate in wind", _means("wind", "rdot2")),
 )

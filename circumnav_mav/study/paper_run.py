@@ -1,7 +1,8 @@
-"""Many trajectories of the paper's plant on all cores: what a case is, its noise, the sweep, and results on disk.
+"""Many trajectories of the paper's plant on all cores: what a case is, the sweep, and results on disk.
 
-A run is the same for a seed whatever the number of workers and whichever machine flies it: its noise is a stream of its
-own, keyed by the seed, the case and the run, and its arithmetic does not depend on its neighbours.
+A case flies a law on the truth with noise on the range rate, as the paper does, or on an estimator. A run is the same
+for a seed whatever the number of workers and whichever machine flies it: its noise is keyed by the seed, the case and
+the run (noise.py), and its arithmetic does not depend on its neighbours.
 """
 
 from __future__ import annotations
@@ -9,18 +10,21 @@ from __future__ import annotations
 import json
 import math
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor, as_completed
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from circumnav_mav.guidance.kernel import LawContext
+from circumnav_mav.guidance.estimators import ESTIMATORS
+from circumnav_mav.guidance.kernel import EstimatorContext, LawContext
 from circumnav_mav.guidance.laws import LAWS
+from circumnav_mav.study import drive, plant, simulate
 from circumnav_mav.study import paper_core as core
+from circumnav_mav.study.noise import normals
 
 RESULT = np.dtype(
     [(f"{what}_{when}", np.float64) for when in ("all", "tail") for what in ("bias", "mse", "rdot2", "u2")]
@@ -51,6 +55,7 @@ class Plant:
     sigma_m_s: float = 0.5  # standard deviation of the noise on r_dot, drawn anew at each control instant
     wind_x_m_s: float = 0.0
     wind_y_m_s: float = 0.0
+    sigma_r_m: float = 0.1  # the same on r, for an estimator; without one a law is told the true r, as in the paper
     delay_s: float = 0.0  # measurement to turn, beyond the hold; rounded to whole holds
     x_m: float = -20.0
     y_m: float = 0.0
@@ -74,38 +79,45 @@ class Case:
     parameters: Any  # the law's NamedTuple
     plant: Plant
     stream: int = 0  # cases with the same stream are flown in the same noise
+    estimator: str | None = None  # a name in the registry; None: the truth, with noise on r_dot
+    estimator_parameters: Any = None  # the estimator's NamedTuple
 
 
-def case(law: str, options: dict[str, float], plant: Plant, stream: int = 0) -> Case:
-    """Return a case from the options of the `law:` section. Raises ValueError in words for what cannot be flown."""
+def case(
+    law: str,
+    options: dict[str, float],
+    plant: Plant,
+    stream: int = 0,
+    estimator: str | None = None,
+    estimator_options: Mapping[str, float] | None = None,
+) -> Case:
+    """Return a case from the options of the `law:` and `estimator:` sections.
+
+    Raises ValueError in words for what cannot be flown.
+    """
     entry = LAWS[law]
-    missing = set(entry.needs) - KNOWN
+    missing = set(entry.needs) - (KNOWN if estimator is None else ESTIMATORS[estimator].gives)
     if missing:
-        raise ValueError(f"law {law} needs {', '.join(sorted(missing))}, which the paper's plant does not tell")
+        who = "the paper's plant" if estimator is None else f"estimator {estimator}"
+        raise ValueError(f"law {law} needs {', '.join(sorted(missing))}, which {who} does not tell")
     if plant.x_m == 0.0 and plant.y_m == 0.0:
         raise ValueError("start somewhere else than on the target itself: there is no range rate there")
     if plant.steps < 1 or not 0.0 < plant.tail <= 1.0:
         raise ValueError("the run must last at least one hold, and the tail be a share above 0 and up to 1")
-    return Case(law, entry.parameters(options, law_context(plant)), plant, stream)
+    if estimator is None:
+        return Case(law, entry.parameters(options, law_context(plant)), plant, stream)
+    limit = simulate.UNLIMITED_TURN / plant.hold_s
+    told = replace(law_context(plant), turn_rate_limit=limit)
+    parameters = ESTIMATORS[estimator].parameters(
+        {**ESTIMATORS[estimator].options, **(estimator_options or {})},
+        EstimatorContext(plant.r_a_m, plant.V_m_s, limit),
+    )
+    return Case(law, entry.parameters({**entry.options, **options}, told), plant, stream, estimator, parameters)
 
 
 def law_context(plant: Plant) -> LawContext:
     """Return what a law may know of this plant: it turns at once and as sharply as asked."""
     return LawContext(r_a=plant.r_a_m, V=plant.V_m_s, turn_rate_limit=math.inf, turn_lag_s=0.0)
-
-
-def normals(seed: int, stream: int, first: int, count: int, steps: int) -> core.Floats:
-    """Return standard normal draws (count, steps), each row a stream of its own keyed by (seed, stream, run)."""
-    draws = np.empty((count, steps))
-    bits: Any = np.random.Philox(key=0)
-    fresh = dict(bits.state)
-    generator = np.random.Generator(bits)
-    for row in range(count):
-        # Setting the key of one generator is six times quicker than making a new one.
-        key = np.array([seed, (stream << 32) + first + row], dtype=np.uint64)
-        bits.state = fresh | {"state": {"counter": np.zeros(4, np.uint64), "key": key}}
-        generator.standard_normal(out=draws[row])
-    return draws
 
 
 def sde_sigma(sigma: float, hold_s: float) -> float:
@@ -115,6 +127,8 @@ def sde_sigma(sigma: float, hold_s: float) -> float:
 
 def fly(one: Case, seed: int, first: int, count: int) -> Table:
     """Return RESULT rows of the runs first ... first + count - 1 of a case."""
+    if one.estimator is not None:
+        return _estimated(one, seed, first, count)
     plant = one.plant
     noise = normals(seed, one.stream, first, count, plant.steps)
     noise *= plant.sigma_m_s
@@ -137,6 +151,19 @@ def fly_in(one: Case, start: core.Floats, noise: core.Floats) -> Table:
     for what, early, late in zip(("bias", "mse", "rdot2", "u2"), sums[0], sums[1], strict=True):
         rows[f"{what}_all"] = (early + late)[: len(rows)] / steps
         rows[f"{what}_tail"] = late[: len(rows)] / (steps - tail_from)
+    return rows
+
+
+def _estimated(one: Case, seed: int, first: int, count: int) -> Table:
+    """Return RESULT rows of runs on an estimator, from their traces."""
+    steps = one.plant.steps
+    rows, tail = np.empty(count, RESULT), slice(steps - max(1, round(one.plant.tail * steps)), None)
+    for run in range(count):
+        flown = trace(one, seed, first + run)
+        error = flown["r_m"] - one.plant.r_a_m
+        told = {"bias": error, "mse": error**2, "rdot2": flown["r_dot_m_s"] ** 2, "u2": flown["u_rad_s"] ** 2}
+        for what, values in told.items():
+            rows[f"{what}_all"][run], rows[f"{what}_tail"][run] = values.mean(), values[tail].mean()
     return rows
 
 
@@ -173,15 +200,51 @@ def sweep(
 
 
 def trace(one: Case, seed: int, run: int = 0) -> Table:
-    """Return SAMPLE rows of one run, by the plain core: the noise is that of `fly`. A delay is not recorded."""
+    """Return SAMPLE rows of one run in the noise of `fly`; without an estimator by the plain core, without a delay."""
     plant = one.plant
     noise = plant.sigma_m_s * normals(seed, one.stream, run, 1, plant.steps)[0]
+    if one.estimator is not None:
+        return _estimated_trace(one, seed, run, noise)
     law, state, u = LAWS[one.law].turn_rate, (plant.x_m, plant.y_m, plant.heading_rad), 0.0
     rows = np.empty(plant.steps, SAMPLE)
     for n, nu in enumerate(noise):
         here = state
         state, r, r_dot, u = core.plain_step(law, one.parameters, state, float(nu), u, plant.kernel)
         rows[n] = (n * plant.hold_s, *here, r, r_dot, u)
+    return rows
+
+
+def _estimated_trace(one: Case, seed: int, run: int, rate_noise: core.Floats) -> Table:
+    """Fly one run by the study's driver: every hold brings a range and a range rate, with noise on both."""
+    assert one.estimator is not None
+    p, none = one.plant, np.zeros(0)
+    setup = drive.Setup(
+        p.steps, 1, round(p.delay_s / p.hold_s), p.r_a_m, p.sigma_r_m, 1.0, 0.0, 0.0, band=0.05 * p.r_a_m
+    )
+    air = plant.Plant(p.V_m_s, p.hold_s, 0.0, math.inf, p.wind_x_m_s, p.wind_y_m_s, 0.0, 0.0, 1.0, 0.0, math.inf)
+    start = plant.World(0.0, p.x_m, p.y_m, p.heading_rad, *(0.0,) * 7)
+    range_noise = p.sigma_r_m * normals(seed, one.stream, run, 1, p.steps, channel=1)[0]
+    path = np.zeros((p.steps, 8))
+    fly = simulate.program(one.law, one.estimator)
+    fly(
+        setup,
+        air,
+        start,
+        range_noise,
+        rate_noise,
+        none,
+        none,
+        np.zeros((0, 2)),
+        one.estimator_parameters,
+        one.parameters,
+        path,
+    )
+    t, x, y, _, _, _, psi, u = path.T
+    r = np.hypot(x, y)
+    r_dot = (x * (p.V_m_s * np.cos(psi) + p.wind_x_m_s) + y * (p.V_m_s * np.sin(psi) + p.wind_y_m_s)) / r
+    rows = np.empty(p.steps, SAMPLE)
+    for name, values in zip(SAMPLE.names or (), (t, x, y, psi, r, r_dot, u), strict=True):
+        rows[name] = values
     return rows
 
 

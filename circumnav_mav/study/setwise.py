@@ -20,6 +20,7 @@ from circumnav_mav.guidance.kernel import Estimate
 from circumnav_mav.guidance.laws import LAWS
 from circumnav_mav.study import paper_core as core
 from circumnav_mav.study import paper_run
+from circumnav_mav.study.noise import generator, normals
 from circumnav_mav.study.paper import LAW as PAPER_LAW
 from circumnav_mav.study.paper_core import LAW, advance
 from circumnav_mav.study.paper_run import Plant, Table
@@ -144,14 +145,14 @@ def try_out(trial: Trial, starts: Sequence[tuple[float, float]], seed: int) -> O
     rows, d2, lengths = np.empty(len(starts), VISITS), np.zeros(plant.steps), np.zeros(BINS)
     sigma = paper_run.sde_sigma(trial.sigma, trial.hold_s)
     for run, (r, theta) in enumerate(starts):
-        noise = sigma * paper_run.normals(seed, trial.stream, run, 1, plant.steps)[0]
+        noise = sigma * normals(seed, trial.stream, run, 1, plant.steps)[0]
         rows[run] = fly(one.parameters, plant.kernel, np.array(start_at(r, theta)), noise, edges, d2, lengths)
     return Outcome(trial, rows, d2 / len(starts), lengths)
 
 
 def spread_starts(count: int, seed: int, r_max_m: float = 40.0) -> list[tuple[float, float]]:
     """Return starts (r [m], theta [rad]) uniform in radius and angle: the same for every trial."""
-    rng = np.random.default_rng([seed, 0x5E7])
+    rng = generator(seed, 0x5E7)
     return list(zip(rng.uniform(0.3, r_max_m, count).tolist(), rng.uniform(0.0, math.tau, count).tolist(), strict=True))
 
 

@@ -84,7 +84,7 @@ def draw(outcomes: Sequence[Outcome], folder: Path) -> list[Path]:
         axes.grid(alpha=0.3)
         axes.legend(fontsize=7)
     for file in files:
-        figure.savefig(file, dpi=110)
+        figure.savefig(file, dpi=80)
     return files
 
 

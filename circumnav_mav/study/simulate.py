@@ -6,6 +6,7 @@ import math
 import os
 from collections.abc import Callable, Mapping
 from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor
+from contextlib import nullcontext
 from dataclasses import dataclass, field
 from functools import cache
 from typing import Any
@@ -22,6 +23,9 @@ from circumnav_mav.study.scenarios import PLANNED_LAG_S, Scenario
 
 CHUNK = 10
 """Runs that a worker takes at a time."""
+
+UNLIMITED_TURN = math.pi / 4.0
+"""What laws and estimators are told that one command turns at most, rad, where no limit is: more is not steering."""
 
 Outcomes = NDArray[np.void]
 """A structured array with the fields of drive.Outcome, one row a run."""
@@ -42,7 +46,7 @@ class Pilot:
         """Return what the kernels of estimator and law take in this scenario."""
         limit = scenario.limit_rad_s
         if math.isinf(limit):
-            limit = math.pi / 4.0 / scenario.control_s  # an eighth of a turn a command: more is not steering
+            limit = UNLIMITED_TURN / scenario.control_s
         est = EstimatorContext(scenario.r_a_m, scenario.V_m_s, limit)
         law = LawContext(scenario.r_a_m, scenario.V_m_s, limit, PLANNED_LAG_S[scenario.name[0]])
         return (
@@ -91,24 +95,33 @@ def fly_one(scenario: Scenario, pilot: Pilot, seed: int, index: int, trace: bool
     return fly(s, chance.plant, chance.start, *noise, gaps, est_par, law_par, path), path
 
 
-def _chunk(scenario: Scenario, pilot: Pilot, seed: int, first: int, last: int) -> list[Any]:
+def fly_chunk(scenario: Scenario, pilot: Pilot, seed: int, first: int, last: int) -> list[Any]:
+    """Return the outcomes of runs first ... last - 1: what one worker does at a time, here or on another machine."""
     return [fly_one(scenario, pilot, seed, index)[0] for index in range(first, last)]
 
 
 def simulate(
-    scenario: Scenario, pilot: Pilot, runs: int, seed: int, progress: Progress | None = None, workers: int | None = None
+    scenario: Scenario,
+    pilot: Pilot,
+    runs: int,
+    seed: int,
+    progress: Progress | None = None,
+    workers: int | None = None,
+    executor: Executor | None = None,
 ) -> Outcomes:
     """Return the outcomes of the runs.
 
-    progress is told the number of runs that each finished chunk adds. workers: default, one a core.
+    progress is told the number of runs that each finished chunk adds. workers: default, one a core. executor: takes the
+    chunks elsewhere, in place of them.
     """
-    workers = workers or len(os.sched_getaffinity(0))
-    outcomes: list[Any] = _chunk(scenario, pilot, seed, 0, min(1, runs))  # compiles before the workers start
-    if progress:
-        progress(len(outcomes))
-    chunks = [(first, min(first + CHUNK, runs)) for first in range(1, runs, CHUNK)]
-    with _pool(workers) as pool:
-        futures = [pool.submit(_chunk, scenario, pilot, seed, *chunk) for chunk in chunks]
+    outcomes: list[Any] = []
+    if executor is None:
+        outcomes += fly_chunk(scenario, pilot, seed, 0, min(1, runs))  # compiles before the workers start
+        if progress:
+            progress(len(outcomes))
+    chunks = [(first, min(first + CHUNK, runs)) for first in range(len(outcomes), runs, CHUNK)]
+    with nullcontext(executor) if executor else _pool(workers or len(os.sched_getaffinity(0))) as pool:
+        futures = [pool.submit(fly_chunk, scenario, pilot, seed, *chunk) for chunk in chunks]
         for future in futures:
             flown = future.result()
             outcomes += flown

@@ -1,148 +1,48 @@
 """`circumnav tune`: gains of law and estimator for one aircraft, found by flying it in the study's simulation.
 
-Several things are wanted at once: little error in calm and in the worst wind, little effort, quick settling, none lost.
-Differential evolution (scipy) minimises one score of them; every candidate that it flew is kept, and the Pareto front
-of error against effort is drawn from them all. Candidates fly in the same noise; the verdict is given on fresh noise.
+Four things are wanted at once: little error in calm air, little in the worst of wind and speed error, quick settling,
+little effort. NSGA-II (optuna) searches for the set of gains that no others beat in all four; the answer is the one of
+them that a stated preference likes best, judged by noise that the search had not seen.
 """
 
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Executor, ThreadPoolExecutor
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.optimize import differential_evolution
-from scipy.stats import qmc
 
 from circumnav_mav.config import Config
-from circumnav_mav.guidance.estimators import ESTIMATORS
-from circumnav_mav.guidance.kernel import EstimatorContext, LawContext
-from circumnav_mav.guidance.laws import LAWS
-from circumnav_mav.study.from_log import Seen
-from circumnav_mav.study.scenarios import Scenario
-from circumnav_mav.study.simulate import Pilot, fly_one
+from circumnav_mav.study.aircraft import Aircraft, Gains, fresh_gains, gains_of
+from circumnav_mav.study.simulate import fly_chunk, fly_one
+from circumnav_mav.study.tune_spaces import SPACES, Space
 
 Progress = Callable[[int, int], None]
-
-CONTROL_S = 0.05
-"""The simulation holds a command for so long, or for the loop's own period where that is longer."""
-
-WIND_SHARE = 0.2
-"""The strongest wind, as a share of the speed, where none is given."""
-
-BELIEVED_SPEED = 1.05
-"""Believed over true speed in one of the situations."""
-
-SPACES: Mapping[str, Mapping[str, tuple[float, float]]] = {
-    "hashemi2013": {"kappa": (1.0, 20.0)},
-    "tangent": {"reach_s": (0.5, 8.0), "gain_per_s": (0.2, 4.0)},
-    "direct": {"accel_m_s2": (0.02, 20.0)},
-    "polar": {"drift_share": (0.001, 0.3), "turn_share": (0.003, 0.5)},
-    "drift": {"wander_share": (3e-4, 0.03), "gust_share": (1e-3, 0.1)},
-}
-"""What is searched of each law and estimator, in logarithms. Other options stay as the configuration has them."""
 
 BEST_PAIR = ("tangent", "drift")
 """Tried beside the configured pair."""
 
+EFFORT_ROOM = 2.0
+"""The search goes up to so many times the present effort: further out is no trade that anyone makes."""
 
-@dataclass(frozen=True, slots=True)
-class Aircraft:
-    """What the search needs to know of the vehicle and its ranging, beyond the gains."""
+FINALISTS, AGAIN = 6, 3
+"""So many of the preferred candidates are flown again, in so many times the runs and in other noise: the luckiest of a
+search is not the best of it."""
 
-    V_m_s: float
-    r_a_m: float
-    turn_rate_limit_rad_s: float
-    lag_s: float  # of the turn rate
-    sigma_r_m: float
-    range_rate_hz: float
-    latency_s: float
-    wind_m_s: float  # the strongest to be flown in, or the speed of a target that moves: to the guidance they are one
-    control_s: float
+TASK_RUNS = 4
+"""Runs that a worker takes at a time."""
 
-    @staticmethod
-    def of(config: Config, wind_m_s: float | None = None, range_rate_hz: float = 10.0) -> Aircraft:
-        """Return the aircraft of a configuration; no wind given: WIND_SHARE of its speed. ValueError in words."""
-        context = config.law_context()
-        wind_m_s = WIND_SHARE * context.V if wind_m_s is None else wind_m_s
-        if not 0.0 <= wind_m_s < context.V:
-            raise ValueError(f"the wind must be 0 or more and below the speed of {context.V:g} m/s, not {wind_m_s:g}")
-        if not range_rate_hz > 0.0:
-            raise ValueError(f"the ranges need a rate above 0 Hz, not {range_rate_hz:g}")
-        return Aircraft(
-            V_m_s=context.V,
-            r_a_m=context.r_a,
-            turn_rate_limit_rad_s=context.turn_rate_limit,
-            lag_s=context.turn_lag_s,
-            sigma_r_m=config.ranging.sigma_m,
-            range_rate_hz=range_rate_hz,
-            latency_s=config.ranging.latency_s,
-            wind_m_s=wind_m_s,
-            control_s=max(CONTROL_S, 1.0 / config.loop.rate_hz),
-        )
-
-    def as_seen(self, seen: Seen) -> Aircraft:
-        """Return the aircraft with what a flight showed in place of what was assumed. Raises ValueError in words."""
-        shown = {
-            "sigma_r_m": seen.sigma_r_m,
-            "range_rate_hz": seen.range_rate_hz,
-            "lag_s": seen.lag_s,
-            "wind_m_s": seen.wind_m_s,
-        }
-        if seen.wind_m_s is not None and seen.wind_m_s >= self.V_m_s:
-            raise ValueError(f"the record shows a wind of {seen.wind_m_s:.3g} m/s, the vehicle flies {self.V_m_s:g}")
-        return replace(self, **{name: value for name, value in shown.items() if value is not None})
-
-    def scenarios(self) -> list[Scenario]:
-        """Return calm air, half the wind with a wrong airspeed, and all of it.
-
-        Long enough to come from far and fly three laps of tail. In calm air with everything known, the laziest gains
-        look best, and the first wind or a radius of a few per cent too much would show them up.
-        """
-        lap_s, far = math.tau * self.r_a_m / self.V_m_s, 6.0 * self.r_a_m
-        entry_s = far / (self.V_m_s - self.wind_m_s)
-        calm = Scenario(
-            name="R_tune",
-            V_m_s=self.V_m_s,
-            r_a_m=self.r_a_m,
-            duration_s=2.0 * max(3.0 * lap_s, entry_s),
-            control_s=self.control_s,
-            range_every=max(1, round(1.0 / (self.range_rate_hz * self.control_s))),
-            sigma_r_m=self.sigma_r_m,
-            lag_s=self.lag_s,
-            limit_rad_s=self.turn_rate_limit_rad_s,
-            start_m=(1.5 * self.r_a_m, far),
-            latency_steps=round(self.latency_s / self.control_s),
-        )
-        half = replace(calm, wind_m_s=0.5 * self.wind_m_s, believed_speed=BELIEVED_SPEED)
-        return [calm, half, replace(calm, wind_m_s=self.wind_m_s)]
+FRESH, FINAL = 1_000_003, 2_000_003
+"""Added to the seed for the noise of the verdict and of the finalists."""
 
 
-@dataclass(frozen=True)
-class Gains(Pilot):
-    """A law and an estimator with all their options, made for an aircraft just as the flying app makes them."""
-
-    aircraft: Aircraft | None = None
-
-    def parameters(self, scenario: Scenario) -> tuple[Any, Any]:
-        """Return what the kernels of estimator and law take."""
-        assert self.aircraft is not None
-        a = self.aircraft
-        est = EstimatorContext(a.r_a_m, a.V_m_s, a.turn_rate_limit_rad_s)
-        law = LawContext(a.r_a_m, a.V_m_s, a.turn_rate_limit_rad_s, a.lag_s)
-        return (
-            ESTIMATORS[self.estimator].parameters(
-                {**ESTIMATORS[self.estimator].options, **self.estimator_options}, est
-            ),
-            LAWS[self.law].parameters({**LAWS[self.law].options, **self.law_options}, law),
-        )
-
-    @property
-    def pair(self) -> str:
-        return f"{self.law} on {self.estimator}"
+Flown = Sequence[tuple["Gains", "Score"]]
+"""Candidates and how they flew, the present gains first."""
 
 
 class Score(NamedTuple):
@@ -154,12 +54,28 @@ class Score(NamedTuple):
     settle_s: float  # mean; a run that never settled counts with its whole length
     lost: float  # share of runs whose tail's rms is above r_a / 4
 
+    @property
+    def objectives(self) -> tuple[float, float, float, float]:
+        """The logarithms of error, effort, settling and robustness, each to be small: ratios are what counts.
+
+        Effort below the circle's own is no saving: the circle is then not flown.
+        """
+        return (
+            math.log(self.rms_calm_m),
+            math.log(max(1.0, self.effort)),
+            math.log(1.0 + self.settle_s),
+            math.log(self.rms_worst_m),
+        )
+
     def value(self, most_effort: float) -> float:
-        """Return the number that the search makes small: relative changes of each wish, weighed against each other."""
-        effort = math.log(max(1.0, self.effort))  # below the circle's own, nothing is saved: it is not flown
-        error = 0.7 * math.log(self.rms_worst_m) + 0.3 * math.log(self.rms_calm_m)
-        wish = error + 0.5 * math.log(1.0 + self.settle_s) + 0.2 * effort
+        """Return what the preference makes small: relative changes of the four, weighed against each other."""
+        calm, effort, settle, worst = self.objectives
+        wish = 0.7 * worst + 0.3 * calm + 0.5 * settle + 0.2 * effort
         return wish + 20.0 * max(0.0, effort - math.log(most_effort)) + 10.0 * self.lost
+
+
+OBJECTIVES = ("error in calm", "effort", "settling", "error at worst")
+"""What Score.objectives holds, in its order."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -167,18 +83,22 @@ class Tuned:
     aircraft: Aircraft
     present: Gains
     best: Gains
-    flown: list[tuple[Gains, Score]]  # every candidate of the search, in order
+    flown: Flown  # the present gains, then every candidate of the search in order
     before: Score  # of the present gains, on fresh noise
     after: Score  # of the best ones, on the same
     fresh_runs: int
 
 
-def judge(gains: Gains, runs: int, seed: int, pool: ThreadPoolExecutor) -> Score:
+def judge(gains: Gains, runs: int, seed: int, pool: Executor) -> Score:
     """Fly `runs` runs in each of the aircraft's situations and return their score; the noise hangs on the seed only."""
     assert gains.aircraft is not None
     r_a, scenarios = gains.aircraft.r_a_m, gains.aircraft.scenarios()
-    jobs = [(scenario, index) for scenario in scenarios for index in range(runs)]
-    outcomes = list(pool.map(lambda job: fly_one(job[0], gains, seed, job[1])[0], jobs))
+    tasks = [
+        pool.submit(fly_chunk, scenario, gains, seed, first, min(first + TASK_RUNS, runs))
+        for scenario in scenarios
+        for first in range(0, runs, TASK_RUNS)
+    ]
+    outcomes = [outcome for task in tasks for outcome in task.result()]
 
     def table(name: str) -> np.ndarray[Any, np.dtype[np.float64]]:
         return np.array([getattr(o, name) for o in outcomes]).reshape(len(scenarios), runs)
@@ -194,11 +114,6 @@ def judge(gains: Gains, runs: int, seed: int, pool: ThreadPoolExecutor) -> Score
     )
 
 
-def gains_of(config: Config, aircraft: Aircraft) -> Gains:
-    """Return the present gains of a configuration."""
-    return Gains(config.law.name, config.estimator.name, config.law.options, config.estimator.options, aircraft)
-
-
 def tune(
     config: Config,
     aircraft: Aircraft,
@@ -208,55 +123,88 @@ def tune(
     runs: int = 12,
     fresh_runs: int = 100,
     keep_pair: bool = False,
-    workers: int = 2,
+    workers: int | None = None,
+    executor: Executor | None = None,
     progress: Progress | None = None,
 ) -> Tuned:
-    """Search the gains, and judge the best against the present ones on fresh noise.
+    """Search the gains, `evaluations` a pair, and judge the best against the present ones on fresh noise.
 
-    More effort than the present gains ask for is punished, unless they fall short of the circle's own. The same numbers
-    for a seed, whatever the workers.
+    The answer asks for no more effort than the present gains, unless they fall short of the circle's own. The same
+    numbers for a seed, whatever the workers (default: one a core). executor: takes the flights elsewhere, in
+    place of threads.
     """
     present = gains_of(config, aircraft)
-    pairs = [(present.law, present.estimator)]
-    if not keep_pair and BEST_PAIR not in pairs:
-        pairs.append(BEST_PAIR)
-    flown: list[tuple[Gains, Score]] = []
-    with ThreadPoolExecutor(workers) as pool:
-        fly_one(aircraft.scenarios()[0], present, seed, 0)  # compiles before the workers start
-        most_effort = max(1.0, judge(present, runs, seed, pool).effort)
-        total = _generations(evaluations) * _size(evaluations) * len(pairs)
-        for law, estimator in pairs:
-            own = (law, estimator) == (present.law, present.estimator)
-            base = present if own else Gains(law, estimator, {}, {}, aircraft)
-            fly_one(aircraft.scenarios()[0], base, seed, 0)
+    pairs = [present]
+    if not keep_pair and (present.law, present.estimator) != BEST_PAIR:
+        pairs.append(fresh_gains(*BEST_PAIR, aircraft))
+    total = 1 + len(pairs) * evaluations + FINALISTS + 2
 
-            def cost(point: Sequence[float], base: Gains = base) -> float:
-                gains = _at(base, point)
-                score = judge(gains, runs, seed, pool)
-                flown.append((gains, score))
-                if progress is not None:
-                    progress(len(flown), total)
-                return score.value(most_effort)
+    def tell(done: int) -> None:
+        if progress is not None:
+            progress(done, total)
 
-            _search(cost, base, evaluations, seed)
-        best = min(flown, key=lambda one: one[1].value(most_effort))[0]
-        fresh = [judge(gains, fresh_runs, seed + 1_000_003, pool) for gains in (present, best)]
-    return Tuned(aircraft, present, best, flown, fresh[0], fresh[1], fresh_runs)
+    if executor is None:
+        for base in pairs:
+            fly_one(aircraft.scenarios()[0], base, seed, 0)  # compiles before the workers start
+    with nullcontext(executor) if executor else ThreadPoolExecutor(workers or os.cpu_count()) as pool:
+        flown = _candidates(pairs, evaluations, seed, lambda gains: judge(gains, runs, seed, pool), tell)
+        best = _best(flown, lambda gains: judge(gains, AGAIN * runs, seed + FINAL, pool))
+        tell(total - 2)
+        before, after = (judge(gains, fresh_runs, seed + FRESH, pool) for gains in (present, best))
+        tell(total)
+    return Tuned(aircraft, present, best, flown, before, after, fresh_runs)
 
 
-def _axes(gains: Gains) -> list[tuple[str, str, float, float]]:
-    """Return (kind, option, least, greatest) of everything that is searched."""
-    law, estimator = SPACES.get(gains.law, {}), SPACES.get(gains.estimator, {})
-    return [("law", name, *limits) for name, limits in law.items()] + [
-        ("estimator", name, *limits) for name, limits in estimator.items()
-    ]
+def _candidates(
+    pairs: Sequence[Gains], evaluations: int, seed: int, fly: Callable[[Gains], Score], tell: Callable[[int], None]
+) -> Flown:
+    """Return the present gains, the first of the pairs, and all that the search tries of each pair."""
+    from circumnav_mav.study.nsga import Judged, search  # optuna is needed by nothing else
+
+    flown = [(pairs[0], fly(pairs[0]))]
+    tell(1)
+    dearest = math.log(EFFORT_ROOM * most_effort(flown))
+    for base in pairs:
+
+        def flown_at(point: Mapping[str, float], base: Gains = base) -> Judged:
+            gains = _at(base, point)
+            score = fly(gains)
+            flown.append((gains, score))
+            tell(len(flown))
+            return score.objectives, {"lost": score.lost, "effort": math.log(max(1.0, score.effort)) - dearest}
+
+        search(flown_at, space_of(base), len(OBJECTIVES), evaluations, seed)
+    return flown
 
 
-def _at(base: Gains, point: Sequence[float]) -> Gains:
+def most_effort(flown: Flown) -> float:
+    """Return the effort that the answer may ask for: that of the first, the present gains, or the circle's own."""
+    return max(1.0, flown[0][1].effort)
+
+
+def _best(flown: Flown, fly: Callable[[Gains], Score]) -> Gains:
+    """Return the candidate of the Pareto set that the preference likes best, by a second round of the likeliest."""
+    limit = most_effort(flown)
+    liked = sorted(pareto(flown), key=lambda one: one[1].value(limit))[:FINALISTS]
+    again = [(fly(gains).value(limit), n) for n, (gains, _) in enumerate(liked)]
+    return liked[min(again)[1]][0]
+
+
+def space_of(gains: Gains) -> Space:
+    """Return what is searched, `law.option` or `estimator.option`. ValueError, in words, where that is nothing."""
+    kinds = (("law", gains.law), ("estimator", gains.estimator))
+    space = {f"{kind}.{option}": at for kind, name in kinds for option, at in SPACES.get(name, {}).items()}
+    if not space:
+        raise ValueError(f"nothing to tune in {gains.pair}")
+    return space
+
+
+def _at(base: Gains, point: Mapping[str, float]) -> Gains:
     """Return the gains at a point of the search, to three digits: they are to be read and written by people."""
     found: dict[str, dict[str, float]] = {"law": {}, "estimator": {}}
-    for (kind, name, least, greatest), value in zip(_axes(base), point, strict=True):
-        found[kind][name] = float(f"{min(max(math.exp(value), least), greatest):.3g}")
+    for axis, (least, greatest) in space_of(base).items():
+        kind, option = axis.split(".")
+        found[kind][option] = min(max(float(f"{point[axis]:.3g}"), least), greatest)
     law = {name: value for name, value in base.law_options.items() if name != "k" or "kappa" not in found["law"]}
     return replace(
         base,
@@ -265,44 +213,16 @@ def _at(base: Gains, point: Sequence[float]) -> Gains:
     )
 
 
-def _size(evaluations: int) -> int:
-    """Return how many candidates a generation has."""
-    return min(16, evaluations)
+def pareto(flown: Flown) -> list[tuple[Gains, Score]]:
+    """Return the candidates that no other beats in all four objectives and in runs lost, by rising effort.
 
-
-def _generations(evaluations: int) -> int:
-    return evaluations // _size(evaluations)
-
-
-def _search(cost: Callable[[Sequence[float]], float], base: Gains, evaluations: int, seed: int) -> None:
-    """Call `cost` for whole generations: the first is spread evenly, differential evolution makes the others."""
-    axes = _axes(base)
-    if not axes:
-        raise ValueError(f"nothing to tune in {base.pair}")
-    bounds = [(math.log(least), math.log(greatest)) for _, _, least, greatest in axes]
-    size, generations = _size(evaluations), _generations(evaluations)
-    spread = qmc.LatinHypercube(len(axes), rng=np.random.default_rng(seed)).random(size)
-    first = qmc.scale(spread, *np.array(bounds).T)
-    differential_evolution(
-        cost,
-        bounds,
-        init=first,
-        maxiter=generations - 1,
-        polish=False,
-        tol=0.0,
-        atol=0.0,
-        rng=np.random.default_rng(seed),
-    )
-
-
-def pareto(flown: Sequence[tuple[Gains, Score]]) -> list[tuple[Gains, Score]]:
-    """Return the candidates that no other beats in both worst error and effort, by rising effort.
-
-    Only those that lost the fewest runs count: a vehicle that flies away turns little.
+    Only those that lose no more runs than the first, the present gains, count: a vehicle that flies away turns little.
     """
-    fewest = min(score.lost for _, score in flown)
-    front: list[tuple[Gains, Score]] = []
-    for one in sorted(flown, key=lambda pair: (pair[1].effort, pair[1].rms_worst_m)):
-        if one[1].lost == fewest and (not front or one[1].rms_worst_m < front[-1][1].rms_worst_m):
-            front.append(one)
-    return front
+    kept = [one for one in flown if one[1].lost <= flown[0][1].lost]
+    wishes = np.array([(*score.objectives, score.lost) for _, score in kept])
+    front: dict[Score, tuple[Gains, Score]] = {}
+    for one, wish in zip(kept, wishes, strict=True):
+        beaten = (wishes <= wish).all(axis=1) & (wishes < wish).any(axis=1)
+        if not beaten.any():
+            front.setdefault(one[1], one)
+    return sorted(front.values(), key=lambda pair: (pair[1].effort, pair[1].rms_worst_m))

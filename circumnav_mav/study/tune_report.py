@@ -2,25 +2,17 @@
 
 from __future__ import annotations
 
+import json
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
 from matplotlib.figure import Figure
-from matplotlib.ticker import ScalarFormatter
+from matplotlib.ticker import LogLocator, MaxNLocator, NullLocator
 
-from circumnav_mav.study.tune import Gains, Score, Tuned, pareto
-
-MEANINGS: Mapping[str, str] = {
-    "kappa": "gain x radius, at least 1; larger is tighter and busier",
-    "reach_s": "the course bends towards the circle within speed x reach_s of it",
-    "gain_per_s": "how fast a heading error is turned away",
-    "accel_m_s2": "how fast the range rate is believed to change",
-    "drift_share": "unknown motion along the line of sight, as a share of the speed",
-    "turn_share": "unknown turning, as a share of the orbit's own",
-    "wander_share": "unknown motion of the position, as a share of the speed",
-    "gust_share": "how fast wind and target are believed to change",
-}
+from circumnav_mav.study.aircraft import Gains
+from circumnav_mav.study.tune import Score, Tuned, most_effort, pareto
+from circumnav_mav.study.tune_spaces import MEANINGS
 
 
 def section(kind: str, name: str, options: Mapping[str, float]) -> str:
@@ -76,23 +68,77 @@ def _told(gains: Gains, score: Score) -> str:
     )
 
 
-def draw(tuned: Tuned, file: Path) -> None:
-    """Write the Pareto plot: every candidate that was flown, the front, and where the present gains stand."""
-    figure = Figure(figsize=(6.4, 4.6))
-    axes = figure.add_axes((0.12, 0.12, 0.85, 0.8))
-    for pair in dict.fromkeys(gains.pair for gains, _ in tuned.flown):
-        kept = [score for gains, score in tuned.flown if gains.pair == pair]
-        axes.plot([s.effort for s in kept], [s.rms_worst_m for s in kept], "o", ms=3, alpha=0.5, label=pair)
-    front = pareto(tuned.flown)
-    axes.plot([s.effort for _, s in front], [s.rms_worst_m for _, s in front], "k-", lw=1, label="Pareto front")
-    for label, score, marker in (("present", tuned.before, "rs"), ("tuned", tuned.after, "g*")):
-        axes.plot([score.effort], [score.rms_worst_m], marker, ms=9, label=f"{label}, on fresh noise")
-    axes.set(
-        xscale="log", yscale="log", xlabel="mean u² over (V / r_a)²", ylabel="rms error in the worst situation [m]"
+COLUMNS = ("effort", "rms calm m", "rms worst m", "settled s", "lost", "gains")
+SHOWN = 12
+
+
+def table(tuned: Tuned) -> list[list[str]]:
+    """Return what else could be flown as text, a header row first: what the preference likes of the Pareto set."""
+    rows, limit = [list(COLUMNS)], most_effort(tuned.flown)
+    liked = sorted(pareto(tuned.flown), key=lambda one: one[1].value(limit))[:SHOWN]
+    for gains, score in sorted(liked, key=lambda one: one[1].effort):
+        options = {**gains.law_options, **gains.estimator_options}
+        what = f"{gains.pair}: " + ", ".join(f"{name} {value:g}" for name, value in options.items())
+        figures = (score.effort, score.rms_calm_m, score.rms_worst_m, score.settle_s)
+        rows.append([*(f"{figure:.3g}" for figure in figures), f"{score.lost:.1%}", what])
+    return rows
+
+
+def to_json(tuned: Tuned, seed: int) -> str:
+    """Return the aircraft, the present and the best gains on fresh noise, and the Pareto set of the search."""
+
+    def told(gains: Gains, score: Score) -> dict[str, object]:
+        law = {"name": gains.law, **gains.law_options}
+        return {"law": law, "estimator": {"name": gains.estimator, **gains.estimator_options}, **score._asdict()}
+
+    about = {name: getattr(tuned.aircraft, name) for name in tuned.aircraft.__slots__}
+    return json.dumps(
+        {
+            "seed": seed,
+            "aircraft": about,
+            "fresh_runs": tuned.fresh_runs,
+            "before": told(tuned.present, tuned.before),
+            "after": told(tuned.best, tuned.after),
+            "pareto": [told(*one) for one in pareto(tuned.flown)],
+        },
+        indent=1,
     )
-    axes.set_title(f"{len(tuned.flown)} candidates for {tuned.aircraft.V_m_s:g} m/s on {tuned.aircraft.r_a_m:g} m")
-    axes.xaxis.set_major_formatter(ScalarFormatter())
-    axes.xaxis.set_minor_formatter(ScalarFormatter())
-    axes.grid(alpha=0.3, which="both")
-    axes.legend(fontsize=7)
-    figure.savefig(file, dpi=120)
+
+
+Axis = tuple[str, Callable[[Score], float]]
+
+CALM: Axis = ("rms error in calm air [m]", lambda score: score.rms_calm_m)
+WORST: Axis = ("rms error in the worst situation [m]", lambda score: score.rms_worst_m)
+EFFORT: Axis = ("effort: mean u² over (V / r_a)²", lambda score: score.effort)
+SETTLED: Axis = ("time to settle [s]", lambda score: score.settle_s)
+
+PANELS: tuple[tuple[Axis, Axis], ...] = ((EFFORT, WORST), (SETTLED, WORST), (EFFORT, CALM))
+"""What is drawn against what: the four objectives, each at least once."""
+
+
+def draw(tuned: Tuned, file: Path) -> None:
+    """Write the Pareto plot: every candidate that was flown, the set that none beats, and the present gains."""
+    figure = Figure(figsize=(11.0, 4.2), layout="constrained")
+    front = [score for _, score in pareto(tuned.flown)]
+    pairs = list(dict.fromkeys(gains.pair for gains, _ in tuned.flown))
+    panels = figure.subplots(1, len(PANELS))
+    for axes, ((x_label, x), (y_label, y)) in zip(panels, PANELS, strict=True):
+        for pair, colour in zip(pairs, ("tab:blue", "tab:orange"), strict=False):
+            kept = [score for gains, score in tuned.flown if gains.pair == pair]
+            axes.plot([x(s) for s in kept], [y(s) for s in kept], "o", color=colour, ms=3, alpha=0.4, label=pair)
+        axes.plot([x(s) for s in front], [y(s) for s in front], "ko", ms=5, mfc="none", label="Pareto set of all four")
+        for label, score, marker in (("present", tuned.before, "rs"), ("tuned", tuned.after, "g*")):
+            axes.plot([x(score)], [y(score)], marker, ms=9, label=f"{label}, on fresh noise")
+        axes.set(xscale="log", yscale="log", xlabel=x_label, ylabel=y_label)
+        for axis in (axes.xaxis, axes.yaxis):
+            low, high = axis.get_view_interval()
+            axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)) if high > 4.0 * low else MaxNLocator(6))
+            axis.set_major_formatter("{x:g}")
+            axis.set_minor_locator(NullLocator())
+        axes.tick_params(labelsize=7)
+        axes.grid(alpha=0.3)
+    panels[-1].legend(fontsize=7)
+    figure.suptitle(
+        f"{len(tuned.flown)} candidates for {tuned.aircraft.V_m_s:g} m/s on {tuned.aircraft.r_a_m:g} m", fontsize=10
+    )
+    figure.savefig(file, dpi=110)

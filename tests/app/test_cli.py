@@ -47,6 +47,42 @@ def test_check_says_by_its_exit_code_that_the_orbit_will_not_be_held(tmp_path):
     assert "This will not hold the orbit" in done.stdout
 
 
+PLANE = "vehicle: {class: px4_fixed_wing}\norbit: {radius_m: 100, speed_m_s: 12}\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (PLANE + "law: {kappa: 1}", "by about 50 m"),
+        (PLANE + "law: {name: sliding_mode}", "9 to 15 m/s over the ground"),
+        ("law: {kappa: 1}", "the autopilot holds the speed over the ground; a target that moves so fast"),
+    ],
+)
+def test_check_says_what_the_wind_that_is_expected_does(tmp_path, text, words):
+    """2 r_a W / V straight downwind at kappa 1: 50 m."""
+    assert " wind of " not in run("check", written(tmp_path, text)).stdout
+    done = run("check", written(tmp_path, text + "\nstudy: {wind_m_s: 3}"))
+    (line,) = [line for line in done.stdout.splitlines() if " wind of " in line]
+    assert words in line
+
+
+def test_a_wind_as_fast_as_the_aircraft_is_a_fault_of_the_file(tmp_path):
+    done = run("check", written(tmp_path, PLANE + "study: {wind_m_s: 12}"))
+    assert isinstance(done.exception, cli.ConfigError) and "study.wind_m_s" in str(done.exception)
+
+
+def test_the_lag_that_the_file_gives_is_the_one_that_is_checked(tmp_path):
+    assert "a total lag of 2.01 s" in run("check", written(tmp_path, "study: {turn_lag_s: 2.0}")).stdout
+
+
+@pytest.mark.parametrize(("law", "told"), [("hashemi2013", True), ("hashemi2013_outer", False), ("pd_bias", False)])
+def test_the_bound_is_promised_for_the_law_that_it_was_proven_for(tmp_path, law, told):
+    done = run("check", written(tmp_path, f"law: {{name: {law}, kappa: 3}}"))
+    assert done.exit_code == 0
+    assert ("by the paper's bound" in done.stdout) is told
+    assert ("r_s = " in done.stdout) is (law != "pd_bias")
+
+
 @pytest.mark.parametrize("path", sorted((ROOT / "configs").glob("*.yaml")), ids=lambda p: p.name)
 def test_check_passes_every_shipped_configuration_and_finds_no_idle_key_in_it(path):
     done = run("check", str(path))
@@ -58,6 +94,10 @@ def test_check_passes_every_shipped_configuration_and_finds_no_idle_key_in_it(pa
     ("text", "words"),
     [
         ("ranging: {beacon_id: 3}", "ranging.beacon_id does nothing: distance_sensor"),
+        (
+            "ranging: {source: us_d1, endpoint: /dev/ttyUSB0, stamped_by: autopilot}",
+            "ranging.stamped_by does nothing: us_d1",
+        ),
         ("vehicle: {pitch_deg: -4}", "vehicle.pitch_deg does nothing: px4_multirotor"),
         ("vehicle: {thrust: 0.4}", "vehicle.thrust does nothing: px4_multirotor"),
         ("limits: {bank_deg: 20}", "limits.bank_deg does nothing: px4_multirotor"),

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import math
+from types import SimpleNamespace
 
 import pytest
 
+from circumnav_mav.mavlink.engage import AutoEngage, Step
+from circumnav_mav.mavlink.vehicles.px4_fixed_wing import PX4_FIXED_WING
 from sitl_stub import StubConfig
 from tests.lockstep import Rig, config
 
 ARM, TAKE_OFF, SET_MODE = 400, 22, 176
-HOLD, POSITION, OFFBOARD = 0x03040000, 0x00030000, 0x00060000
+HOLD, POSITION, OFFBOARD, PX4_TAKEOFF = 0x03040000, 0x00030000, 0x00060000, 0x02040000
 
 
 def grounded(**more) -> Rig:
@@ -109,3 +112,63 @@ def test_after_a_release_and_the_latch_it_is_the_pilot_who_engages():
     rig.run(3.0)
     assert rig.log.ticks[-1].phase == "acquiring"
     assert len(asked(rig)) == count, "the app asked by itself"
+
+
+class Climber:
+    """What AutoEngage sees of an airplane that takes off: it overshoots, then sinks by meters before it flies level."""
+
+    def __init__(self):
+        self.custom_mode, self.armed, self.in_air, self.system_status = HOLD, False, False, 3
+        self.amsl_m = self.height_m = self.climb_m_s = 0.0
+        self.asked_s: list[float] = []
+        self.autopilot = self.authority = self.commands = self
+        self.words = SimpleNamespace(ours=OFFBOARD)
+        self.accepted = {"arming", "take-off"}
+        self.refused = False
+        self.control = None
+
+    def height_above_home_m(self, now_s):
+        return self.height_m
+
+    def ask(self, now_s):
+        self.asked_s.append(now_s)
+
+    def push(self, *command, purpose):
+        pass
+
+    def clear(self):
+        pass
+
+    def failure(self, purpose):
+        return None
+
+    def fly(self, engage, top_m, sinks_to_m):
+        """Climb at 3 m/s to the top in TAKEOFF, sink in HOLD to where it flies level."""
+        for k in range(1, 3000):
+            now_s = 0.1 * k
+            if k > 5:
+                self.armed = self.in_air = True
+            if k > 10 and self.custom_mode == HOLD and not self.height_m:
+                self.custom_mode = PX4_TAKEOFF
+            if self.custom_mode == PX4_TAKEOFF:
+                self.climb_m_s = 3.0
+                self.custom_mode = HOLD if self.height_m >= top_m else PX4_TAKEOFF
+            elif self.height_m:
+                self.climb_m_s = -0.9 if self.height_m > sinks_to_m else 0.0
+            self.height_m += 0.1 * self.climb_m_s
+            engage.tick(now_s, ready=True, may_ask=True)
+
+
+@pytest.mark.parametrize("height_m", [50.0, 80.0, 120.0])
+def test_a_plane_that_sinks_after_its_take_off_is_engaged_all_the_same(height_m):
+    plane = Climber()
+    engage = AutoEngage(plane, PX4_FIXED_WING.take_off, height_m)
+    plane.fly(engage, height_m, height_m - 6.6)
+    assert len(plane.asked_s) == 1 and plane.climb_m_s == 0.0
+
+
+def test_what_never_gets_to_the_height_is_not():
+    plane = Climber()
+    engage = AutoEngage(plane, PX4_FIXED_WING.take_off, 50.0)
+    plane.fly(engage, 30.0, 30.0)
+    assert plane.asked_s == [] and engage.step is Step.LEFT_TO_PILOT

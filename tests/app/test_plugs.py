@@ -57,11 +57,70 @@ def test_the_target_is_put_on_the_map_where_it_is(estimator, direction):
     messages = [m for t, m in rig.decoded(rig.now_s - 10.0) if m.get_type() == "ORBIT_EXECUTION_STATUS"]
     assert 8 <= len(messages) <= 11
     assert math.copysign(1, messages[-1].radius) == (1 if direction == "clockwise" else -1)
-    lat, lon = rig.flight.target_place
+    lat, lon = tick.target_lat_deg, tick.target_lon_deg
     assert (messages[-1].x / 1e7, messages[-1].y / 1e7) == pytest.approx((lat, lon), abs=1e-4)
+    # A degree of latitude is 60 nautical miles; the stub's home is where GLOBAL_POSITION_INT says that the vehicle is.
+    ap = rig.flight.link.autopilot
+    assert (lat - ap.lat_deg) * 60 * 1852 == pytest.approx(tick.target_north_m, abs=1.0)
+    assert (lon - ap.lon_deg) * 60 * 1852 * math.cos(math.radians(lat)) == pytest.approx(tick.target_east_m, abs=1.0)
+
+
+@pytest.mark.parametrize(("estimator", "moves"), [("polar", 0.0), ("drift", 1.0)])
+def test_the_target_with_its_uncertainty_and_drift_is_on_the_wire_for_ground_stations(estimator, moves):
+    """Read with pymavlink itself. In still air the drift is the beacon's velocity with the sign turned."""
+    app = config(estimator={"name": estimator})
+    world = {"beacon_east_m_s": 0.6 * moves, "beacon_north_m_s": -0.3 * moves}
+    rig = Rig(app, airborne(seed=5, distance_m=100.0, **world)).engage()
+    rig.run(60.0)
+    last_s = rig.now_s - 10.0
+    vectors = [(t, m) for t, m in rig.decoded(last_s) if m.get_type() == "DEBUG_VECT"]
+    assert 9 <= len(vectors) <= 11, "once a second"
+    truth = {round(tick.t_s, 3): t for tick, t in zip(rig.log.ticks, rig.log.truth, strict=True)}
+    for t, m in vectors:
+        true = truth[round(t, 3)]
+        assert m.name == "TARGET"
+        error_m = math.hypot(m.x - (true.beacon_north_m - true.north_m), m.y - (true.beacon_east_m - true.east_m))
+        assert error_m < max(3.0, 4.0 * m.z)
+        assert 0.0 < m.z < 15.0
+    arrays = [m for t, m in rig.decoded(last_s) if m.get_type() == "DEBUG_FLOAT_ARRAY"]
+    assert len(arrays) == (len(vectors) if estimator == "drift" else 0)
+    for m in arrays:
+        north, east, sigma = m.data[:3]
+        assert m.name == "DRIFT"
+        assert math.hypot(north - 0.3, east + 0.6) < max(0.3, 4.0 * sigma)
+        assert 0.0 < sigma < 1.0
+        assert not any(m.data[3:])
+
+
+@pytest.mark.parametrize("estimator", ["polar", "drift"])
+def test_before_the_first_turn_the_map_does_not_claim_to_know(estimator):
+    """A vehicle that hovers has seen one circle of ranges: the target may be anywhere on it."""
+    rig = Rig(config(estimator={"name": estimator}), airborne(seed=5))
+    rig.run(4.0)
+    shown = [m for _, m in rig.decoded() if m.get_type() == "DEBUG_VECT"]
+    assert all(m.z > 50.0 for m in shown), shown
+
+
+def test_the_place_of_the_target_gets_vaguer_without_ranges_and_is_not_sent_after_a_release():
+    app = config(estimator={"name": "drift"}, law={"name": "tangent"})
+    rig = Rig(app, airborne(seed=5, distance_m=80.0, range_dropouts_s=((50.0, 99.0),))).engage()
+    rig.run(62.0 - rig.now_s)
+    before = max((t for t in rig.log.ticks if t.t_s <= 49.5), key=lambda t: t.t_s)
+    after = rig.log.ticks[-1]
+    assert after.phase == "coasting"
+    blur_m = before.drift_sigma_m_s * (62.0 - 50.0)
+    assert after.target_sigma_m == pytest.approx(math.hypot(before.target_sigma_m, blur_m), rel=0.3)
+    assert after.target_sigma_m > 1.2 * before.target_sigma_m
+    rig.pilot.mode(0x03040000)
+    rig.run(3.0)
+    assert rig.log.phases[-1] == "released"
+    assert not [m for _, m in rig.decoded(rig.now_s - 2.0) if m.get_type().startswith(("DEBUG", "ORBIT"))]
 
 
 def test_a_range_filter_alone_puts_nothing_on_the_map():
     rig = orbit("hashemi2013", "direct")
     assert math.isnan(rig.log.ticks[-1].target_east_m)
+    assert math.isnan(rig.log.ticks[-1].target_sigma_m)
+    assert math.isnan(rig.log.ticks[-1].target_lat_deg)
+    assert not [m for _, m in rig.decoded(rig.now_s - 5.0) if m.get_type() == "DEBUG_VECT"]
     assert not [m for _, m in rig.decoded(rig.now_s - 5.0) if m.get_type() == "ORBIT_EXECUTION_STATUS"]

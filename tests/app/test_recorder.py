@@ -43,6 +43,14 @@ def test_ticks_come_back_with_their_time_to_the_millisecond(tmp_path):
     assert not (recorder.directory / "flight.tlog").exists()
 
 
+def test_a_place_is_kept_to_the_centimetre(tmp_path):
+    recorder = Recorder(tmp_path, tlog=False, header=["target_lat_deg", "target_lon_deg"])
+    recorder.tick((-47.39774213, 179.54559417))
+    recorder.close()
+    (lat,), (lon,) = read_columns(recorder.directory / "ticks.csv").values()
+    assert (float(lat), float(lon)) == pytest.approx((-47.39774213, 179.54559417), abs=1e-7)  # 1e-7 deg: 11 mm
+
+
 def test_a_killed_app_leaves_readable_files(tmp_path):
     script = f"""
 import os, time

@@ -247,3 +247,9 @@ def test_the_sigma_of_range_covers_the_error(name):
         est = kernels.carry(bank, mem, moved._replace(dt=0.0, ahead=0.0, left=0.0, turn=0.0), par)
         ratios.append((est.r - r) ** 2 / kernels.covariance(bank)[0])
     assert 0.05 < np.mean(ratios) < 1.6
+
+
+def test_a_filter_drawn_below_zero_tells_a_law_of_no_negative_range():
+    par = ESTIMATORS["direct"].parameters({}, CONTEXT)
+    bank = [direct.Side(-0.3, 1.0, 0.1, 0.0, 0.1, 0.0, side) for side in (1.0, -1.0)]
+    assert direct.carry(bank, Memory(known=1.0), Moved(0.0, 0.0, 0.0, 0.0, 15.0, 0.0, NAN), par).r == 0.0

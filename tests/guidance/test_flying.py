@@ -5,6 +5,7 @@ import random
 
 import pytest
 
+from circumnav_mav.config import RESTARTS_A_MINUTE
 from circumnav_mav.guidance.estimators import ESTIMATORS, make
 from circumnav_mav.guidance.kernel import SOURCES, EstimatorContext, Motion
 from circumnav_mav.guidance.laws import LAWS
@@ -71,6 +72,18 @@ def test_a_beacon_that_jumps_is_found_again(estimator):
     flight = Flight(estimator=estimator, jump=(80.0, 25.0, 10.0)).fly(180.0)
     assert flight.est.restarts >= 1
     assert flight.furthest(150.0) < 1.5
+
+
+@pytest.mark.parametrize("estimator", ["direct", "polar", "drift"])
+@pytest.mark.parametrize("jump_m", [(25.0, 10.0), (60.0, -40.0)])
+def test_a_beacon_that_jumps_among_thirty_per_cent_of_echoes_is_found_again(estimator, jump_m):
+    law = "tangent" if estimator == "drift" else "hashemi2013"
+    echoes = {"outliers": 0.3, "outlier_mean_m": 40.0}
+    flight = Flight(estimator=estimator, law=law, jump=(70.0, *jump_m), **echoes).fly(150.0)
+    assert flight.furthest(60.0, 70.0) < 1.5, "on the circle before, in spite of the echoes"
+    assert flight.furthest(70.5, 75.0) > 15.0, "a real jump"
+    assert flight.furthest(135.0) < 1.5, "on the circle about the new place"
+    assert flight.rejected["outlier"] > 0.7 * 0.3 * 1500
 
 
 @pytest.mark.parametrize("estimator", FILTERS)
@@ -165,3 +178,11 @@ def test_what_an_estimator_declares_is_what_it_gives():
 def test_every_law_flies_on_some_estimator():
     for law in LAWS.values():
         assert any(set(law.needs) <= estimator.gives for estimator in ESTIMATORS.values())
+
+
+@pytest.mark.parametrize(("estimator", "law"), [("direct", "hashemi2013"), ("drift", "tangent")])
+def test_ranges_three_times_noisier_than_configured_are_flown_on(estimator, law):
+    flight = Flight(estimator=estimator, law=law, sigma_r=1.0, claimed=0.3, lag_s=0.1).fly(150.0)
+    assert flight.est.noise.sigma_m == pytest.approx(1.0, rel=0.5)
+    assert flight.est.restarts < RESTARTS_A_MINUTE  # until the noise has shown itself
+    assert flight.rms(100.0) < 0.6

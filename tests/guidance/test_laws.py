@@ -158,3 +158,12 @@ def test_the_least_range_of_a_turn_is_that_of_the_flown_turn():
             y += (V * math.sin(heading) + drift[1]) * 1e-3
             least = min(least, math.hypot(x, y))
         assert tangent.least_range(est, turn, par) == pytest.approx(least, abs=1.5)
+
+
+@pytest.mark.parametrize("name", ["hashemi2013", "hashemi2013_outer", "cao2013_smooth"])
+def test_a_range_of_zero_is_flown_on_at_the_least_gain(name):
+    """There r_s is 0: the law is u = -k (r_dot + V) at every range."""
+    law = LAWS[name]
+    par = law.parameters({"kappa": 1.0}, LawContext(10.0, 2.0, 1.0, 0.0))
+    for r in (0.0, 1e-200, 3.0):
+        assert law.turn_rate(Estimate(r=r, r_dot=0.5, V=2.0), par) == pytest.approx(-0.1 * 2.5)

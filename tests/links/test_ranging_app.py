@@ -14,7 +14,7 @@ from pymavlink.dialects.v20 import all as mavlink
 from circumnav_mav.config import parse
 from circumnav_mav.runtime.ranging_app import RangingApp, summary
 from circumnav_mav.runtime.ranging_view import PlainRangingView, draw
-from sitl_stub.devices import DEVICES
+from sitl_stub.devices import DEVICES, Node, linktrack_node_frame3
 from tests.links.fake_loop import Cable
 
 
@@ -159,6 +159,19 @@ def test_the_summary_says_everything_in_lines_of_one_fact(bench):
     assert not any(line.startswith("why") for line in lines)
     empty = bench(MESSAGES)
     assert list(summary(empty.status, 2.0, empty.app.hint()))[-1].startswith("why        nothing is heard")
+
+
+def test_all_beacons_of_a_stream_are_shown_to_choose_from(bench):
+    """Two LinkTrack anchors in one frame; the configuration chose number 3."""
+    b = bench("ranging: {source: linktrack, endpoint: 'udpin://127.0.0.1:0', beacon_id: 3}")
+    for i in range(20):
+        nodes = [Node(1, 3, 20_000 + i, 180, 160, 0), Node(1, 9, 70_000, 180, 160, 0)]
+        b.hear(linktrack_node_frame3(2, 0, 1000 + 100 * i, 0, 4950, nodes))
+    lines = list(summary(b.status, b.clock.now_s, b.app.hint(), b.app.heard()))
+    assert "heard      sensor_id 1, beacon_id 3: 20.019 m, flown on" in lines
+    assert "heard      sensor_id 1, beacon_id 9: 70.000 m" in lines
+    assert b.out.getvalue().count("heard: sensor_id 1, beacon_id 9") == 1
+    assert b.status.accepted == 20 and b.status.rejected == {"wrong_beacon": 20}
 
 
 def test_the_views_draw_every_state(bench):

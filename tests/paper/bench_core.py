@@ -22,6 +22,7 @@ import numpy as np
 
 from circumnav_mav.study import paper_core as core
 from circumnav_mav.study import paper_run as run
+from circumnav_mav.study.noise import normals
 
 SOURCE = Path(__file__).parents[1] / "bench_c" / "paper_core.c"
 RUNS, STEPS, K, SECONDS, ROUNDS = 512, 700, 1.0, 0.6, 7
@@ -68,7 +69,7 @@ def compare(seconds: float = SECONDS, rounds: int = ROUNDS) -> dict[str, float] 
         program = build_c(Path(name))
         if program is None:
             return None
-        noise, file = 0.5 * run.normals(1, 0, 0, RUNS, STEPS), Path(name) / "noise.bin"
+        noise, file = 0.5 * normals(1, 0, 0, RUNS, STEPS), Path(name) / "noise.bin"
         noise.tofile(file)
         ours(noise, 0.0)  # compiles
         table: dict[str, list[float]] = {"c": [], "ours": [], "c_two": [], "ours_two": []}

@@ -12,6 +12,9 @@ from circumnav_mav.guidance.laws import LAWS
 from circumnav_mav.study import paper_core as core
 from circumnav_mav.study import paper_run as run
 from circumnav_mav.study.kernels import compiled
+from circumnav_mav.study.noise import normals
+from circumnav_mav.study.scenarios import SCENARIOS
+from circumnav_mav.study.simulate import Pilot, simulate
 from tests.paper import bench_core
 
 WINDY = run.Plant(wind_x_m_s=0.2, wind_y_m_s=-0.1)
@@ -111,7 +114,7 @@ def test_a_program_in_c_flies_the_same_trajectories(tmp_path):
     program = bench_core.build_c(tmp_path)
     if program is None:
         pytest.skip("no C compiler (gcc or cc) on this machine")
-    noise, file = 0.5 * run.normals(3, 0, 0, 37, 400), tmp_path / "noise.bin"
+    noise, file = 0.5 * normals(3, 0, 0, 37, 400), tmp_path / "noise.bin"
     noise.tofile(file)
     for k in (0.25, 1.0, 2.95):
         _, *means = bench_core.read_c(bench_core.start_c(program, file, 37, 400, k, 0.0))
@@ -138,17 +141,20 @@ def test_tasks_fly_the_same_in_other_processes():
 
 
 def test_noise_is_normal_and_rows_are_strangers():
-    draws = run.normals(2, 3, 0, 400, 500)
+    draws = normals(2, 3, 0, 400, 500)
     n = draws.size
     assert abs(draws.mean()) < 4 / math.sqrt(n)
     assert abs(draws.var() - 1) < 4 * math.sqrt(2 / n)
     assert abs((draws**4).mean() - 3) < 4 * math.sqrt(96 / n)
     assert np.abs(np.corrcoef(draws[:40]) - np.eye(40)).max() < 5 / math.sqrt(500)
     assert abs((draws[:, 1:] * draws[:, :-1]).mean()) < 4 / math.sqrt(n)
-    assert not np.array_equal(draws[:, :3], run.normals(2, 4, 0, 400, 3))
-    assert np.array_equal(draws[10:12, :3], run.normals(2, 3, 10, 2, 3))
-    made_anew = np.random.Generator(np.random.Philox(key=np.array([2, (3 << 32) + 11], dtype=np.uint64)))
-    assert np.array_equal(draws[11], made_anew.standard_normal(500))
+    for other in (normals(2, 4, 0, 400, 500), normals(3, 3, 0, 400, 500), normals(2, 3, 0, 400, 500, channel=1)):
+        assert abs(np.corrcoef(draws.ravel(), other.ravel())[0, 1]) < 4 / math.sqrt(n)
+
+
+@pytest.mark.parametrize(("first", "count"), [(0, 1), (10, 2), (15, 2), (16, 16), (31, 40), (399, 1)])
+def test_the_noise_of_a_run_hangs_on_the_run_alone(first, count):
+    assert np.array_equal(normals(2, 3, first, count, 50), normals(2, 3, 0, 400, 50)[first : first + count])
 
 
 def test_saved_results_load_again_bit_for_bit(tmp_path):
@@ -178,3 +184,39 @@ def test_progress_ends_at_all():
     seen = []
     run.sweep([paper_case(1.0)], 2 * run.CHUNK + 1, 1, progress=lambda done, total: seen.append((done, total)))
     assert seen == [(1, 3), (2, 3), (3, 3)]
+
+
+def test_a_law_on_an_estimator_flies_as_the_other_runner_flies_it():
+    """Scenario P of `compare` and a case with an estimator are one situation, in other noise: four standard errors."""
+    one = run.case("hashemi2013", {"kappa": 10.0}, run.Plant(), estimator="direct")
+    ours = run.fly(one, seed=3, first=0, count=80)
+    theirs = simulate(SCENARIOS["P_calm"], Pilot("hashemi2013", "direct", {"kappa": 10.0}), 80, 3)
+    for mine, other in (("mse_tail", "tail_ms"), ("bias_tail", "tail_bias"), ("u2_tail", "tail_u2")):
+        error = math.hypot(ours[mine].std(ddof=1), theirs[other].std(ddof=1)) / math.sqrt(80)
+        assert abs(ours[mine].mean() - theirs[other].mean()) < 4.0 * error, mine
+    assert np.array_equal(ours, run.sweep([one], 80, 3, workers=2)[0])
+    assert np.array_equal(ours[5:8], run.fly(one, seed=3, first=5, count=3))
+
+
+def test_the_trace_of_a_run_on_an_estimator_is_that_of_the_plant():
+    """Each arc is that of the turn rate written down, and the range rate that of the ranges, by geometry."""
+    plant = replace(WINDY, x_m=-12.0, y_m=5.0)
+    one = run.case("hashemi2013", {"kappa": 4.0}, plant, estimator="raw")
+    rows = run.trace(one, seed=2)
+    psi, u = rows["psi_rad"], rows["u_rad_s"]
+    assert np.diff(psi) == pytest.approx(0.5 * u[:-1], abs=1e-12)
+    chord = 2.0 * np.sin(0.25 * u[:-1]) / u[:-1]
+    step = np.diff(rows["x_m"]), np.diff(rows["y_m"])
+    assert step[0] == pytest.approx(chord * np.cos(psi[:-1] + 0.25 * u[:-1]) + 0.1, abs=1e-9)
+    assert step[1] == pytest.approx(chord * np.sin(psi[:-1] + 0.25 * u[:-1]) - 0.05, abs=1e-9)
+    vx, vy = np.cos(psi) + 0.2, np.sin(psi) - 0.1
+    assert rows["r_m"] == pytest.approx(np.hypot(rows["x_m"], rows["y_m"]))
+    assert rows["r_dot_m_s"] * rows["r_m"] == pytest.approx(rows["x_m"] * vx + rows["y_m"] * vy)
+    assert abs(rows["r_m"][350:].mean() - 10.0) < 1.0
+
+
+def test_a_law_that_an_estimator_does_not_serve_is_refused_in_words():
+    with pytest.raises(ValueError, match="which estimator polar does not tell"):
+        run.case("tangent", {}, run.Plant(), estimator="polar")
+    with pytest.raises(ValueError, match="which the paper's plant does not tell"):
+        run.case("tangent", {}, run.Plant())

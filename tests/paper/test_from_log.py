@@ -8,7 +8,7 @@ import pytest
 from circumnav_mav.config import parse
 from circumnav_mav.flight import TickRecord
 from circumnav_mav.study import from_log
-from circumnav_mav.study.tune import Aircraft
+from circumnav_mav.study.aircraft import Aircraft
 
 
 def write(file, *, sigma=0.8, every=10, dead_s=0.2, lag_s=0.5, wind=2.0, outliers=0.1, duration_s=200.0, turning=True):

@@ -1,9 +1,13 @@
 """The study on a Dask cluster of two processes on this machine: the same numbers as its own threads."""
 
+import json
+
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
-from circumnav_mav.study import paper, scheduler
+from circumnav_mav.cli import app
+from circumnav_mav.study import paper, scheduler, tune
 
 OPTIONS = paper.Options(runs=140, seed=5, gains_rad_m=(0.4, 1.0))
 
@@ -13,18 +17,52 @@ def test_without_an_address_nothing_is_connected_to():
         assert own is None
 
 
-def test_two_processes_fly_the_same_runs():
+@pytest.fixture(scope="module")
+def address():
     distributed = pytest.importorskip("distributed", reason="needs the extra circumnav-mav[cluster]")
-    with (
-        distributed.LocalCluster(
-            n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None, host="127.0.0.1"
-        ) as cluster,
-        scheduler.executor(cluster.scheduler_address) as pool,
-    ):
-        seen = []
+    with distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None, host="127.0.0.1"
+    ) as cluster:
+        yield cluster.scheduler_address
+
+
+def test_two_processes_fly_the_same_runs(address):
+    seen = []
+    with scheduler.executor(address) as pool:
         there = paper.run(OPTIONS, progress=lambda done, total: seen.append((done, total)), executor=pool)
     assert np.array_equal(there.rows, paper.run(OPTIONS).rows)
     assert seen[-1] == (4, 4)
+
+
+@pytest.mark.parametrize("command", ["study", "compare", "tune"])
+def test_the_commands_give_the_same_figures_on_the_cluster(tmp_path, address, monkeypatch, command):
+    if command == "tune":
+        pytest.importorskip("optuna", reason="needs the extra circumnav-mav[study]")
+    whole = tune.tune
+    monkeypatch.setattr(tune, "tune", lambda *a, **o: whole(*a, **o, runs=5, fresh_runs=6))
+    (tmp_path / "plane.yaml").write_text("ranging: {sigma_m: 1.0}\norbit: {radius_m: 20}\n")
+    few = {
+        "study": ["--runs", "40", "--gains", "0.4,1"],
+        "compare": ["--scenario", "P_calm", "--law", "hashemi2013", "--estimator", "direct", "--runs", "25"],
+        "tune": [
+            str(tmp_path / "plane.yaml"),
+            "--keep-pair",
+            "--evaluations",
+            "4",
+            "--out",
+            str(tmp_path / "new.yaml"),
+        ],
+    }[command]
+    told = []
+    for name, where in (("here", ["--workers", "1"]), ("there", ["--scheduler", address])):
+        file = tmp_path / f"{name}.json"
+        done = CliRunner().invoke(app, [command, *few, *where, "--json", str(file)])
+        assert done.exit_code == 0, done.stderr
+        told.append(json.loads(file.read_text()))
+        if command == "study":  # what it took, and by how many, is no result
+            for key in ("options", "elapsed_s", "steps_per_s"):
+                del told[-1][key]
+    assert told[0] == told[1]
 
 
 def test_a_scheduler_that_does_not_answer_is_one_line(monkeypatch):

@@ -1,13 +1,20 @@
 """`circumnav tune`: what it finds is better on noise it has not seen, is the same for a seed, and flies as a file."""
 
+import itertools
+import json
 import math
 from dataclasses import replace
 
 import pytest
 
 from circumnav_mav.config import parse
+from circumnav_mav.guidance.estimators import ESTIMATORS
+from circumnav_mav.guidance.kernel import EstimatorContext, LawContext
+from circumnav_mav.guidance.laws import LAWS
 from circumnav_mav.study import tune, tune_report
-from circumnav_mav.study.tune import Aircraft, Gains, Score
+from circumnav_mav.study.aircraft import Aircraft, Gains, fresh_gains, gains_of
+from circumnav_mav.study.tune import Score
+from circumnav_mav.study.tune_spaces import MEANINGS, NOTHING_TO_TUNE, SPACES
 
 TEXT = """# my plane
 ranging: {sigma_m: 1.0}
@@ -21,6 +28,7 @@ AIRCRAFT = Aircraft.of(CONFIG, wind_m_s=1.0, range_rate_hz=5.0)
 
 
 def small(**options):
+    pytest.importorskip("optuna", reason="needs the extra circumnav-mav[study]")
     return tune.tune(CONFIG, AIRCRAFT, evaluations=8, runs=2, fresh_runs=6, keep_pair=True, **options)
 
 
@@ -35,6 +43,9 @@ def test_the_aircraft_is_that_of_the_configuration():
     assert (calm.wind_m_s, windy.wind_m_s, calm.range_every) == (0.0, 1.0, 4)
     assert (half.wind_m_s, half.believed_speed) == (0.5, 1.05)
     assert Aircraft.of(CONFIG).wind_m_s == 1.0  # a fifth of the speed
+    said = Aircraft.of(parse(TEXT + "study: {wind_m_s: 0.5, range_rate_hz: 4, turn_lag_s: 0.7}"))
+    assert (said.wind_m_s, said.range_rate_hz, said.lag_s, said.told_lag_s) == (0.5, 4.0, 0.7, AIRCRAFT.lag_s)
+    assert Aircraft.of(CONFIG, wind_m_s=0.0).wind_m_s == 0.0
     with pytest.raises(ValueError, match="wind"):
         Aircraft.of(CONFIG, wind_m_s=5.0, range_rate_hz=5.0)
     with pytest.raises(ValueError, match="rate"):
@@ -57,7 +68,39 @@ def test_the_same_seed_finds_the_same_whatever_the_workers(tuned):
 def test_progress_ends_at_all():
     seen = []
     small(progress=lambda done, total: seen.append((done, total)))
-    assert seen[-1] == (8, 8)
+    assert [done for done, _ in seen] == [*range(1, 10), 15, 17]
+    assert {total for _, total in seen} == {17}
+
+
+@pytest.mark.parametrize("name", [*LAWS, *ESTIMATORS])
+def test_every_law_and_estimator_has_a_space_or_a_reason(name):
+    assert (name in SPACES) != (name in NOTHING_TO_TUNE)
+    if name in SPACES:
+        known = LAWS[name].options if name in LAWS else ESTIMATORS[name].options
+        for option, (least, greatest) in SPACES[name].items():
+            assert option in known and option in MEANINGS
+            assert 0.0 < least < greatest
+            assert math.isnan(known[option]) or least <= known[option] <= greatest, "the default is not searched"
+
+
+@pytest.mark.parametrize("name", SPACES)
+def test_every_corner_of_a_space_can_be_flown(name):
+    for corner in itertools.product(*SPACES[name].values()):
+        options = dict(zip(SPACES[name], corner, strict=True))
+        if name in LAWS:
+            context = LawContext(80.0, 15.0, 0.46, 0.5)
+            LAWS[name].parameters({**LAWS[name].options, **options}, context)
+        else:
+            ESTIMATORS[name].parameters({**ESTIMATORS[name].options, **options}, EstimatorContext(80.0, 15.0, 0.46))
+
+
+def test_a_law_that_takes_the_lag_out_is_told_the_lag_of_this_aircraft():
+    slow = replace(AIRCRAFT, lag_s=0.8123)
+    assert fresh_gains("tangent", "drift", slow).law_options == {"lag_s": 0.812}
+    assert fresh_gains("tangent", "drift", AIRCRAFT).law_options == {}
+    assert fresh_gains("hashemi2013", "direct", slow).law_options == {}
+    _, told = fresh_gains("tangent", "drift", slow).parameters(slow.scenarios()[0])
+    assert told.lag == 0.812  # and so in flight, where the law is told that of the class unless the file says
 
 
 def test_the_file_is_one_that_fly_takes_and_the_rest_of_it_stays(tuned):
@@ -69,7 +112,7 @@ def test_the_file_is_one_that_fly_takes_and_the_rest_of_it_stays(tuned):
     assert back.orbit == CONFIG.orbit
     assert "# my plane" in text and "speed_m_s: 5}   # m" in text
     assert "circumnav tune" in text and "rms" in text
-    assert tune.gains_of(back, AIRCRAFT) == tuned.best
+    assert gains_of(back, AIRCRAFT) == tuned.best
 
 
 @pytest.mark.parametrize(
@@ -92,12 +135,25 @@ def test_a_section_is_replaced_wherever_it_stands(text):
     assert ("# after" in new) is ("# after" in text)
 
 
-def test_the_front_holds_what_nothing_beats():
-    def one(error, effort, lost=0.0):
-        return Gains("hashemi2013", "direct"), Score(error, error, effort, 1.0, lost)
+def test_the_front_holds_what_nothing_beats_in_all_four():
+    def one(calm, worst, effort, settle, lost=0.0):
+        return Gains("hashemi2013", "direct"), Score(calm, worst, effort, settle, lost)
 
-    flown = [one(3.0, 1.0), one(2.0, 1.5), one(2.5, 1.6), one(1.0, 3.0), one(0.5, 0.4, lost=0.5), one(1.0, 4.0)]
-    assert tune.pareto(flown) == [flown[0], flown[1], flown[3]]
+    present = one(3.0, 3.0, 1.0, 9.0, lost=0.1)
+    kept = [one(2.0, 3.0, 2.0, 9.0), one(3.0, 2.0, 2.1, 9.0), one(3.0, 3.0, 2.2, 5.0), one(1.0, 1.0, 4.0, 9.0)]
+    beaten = [one(2.0, 3.0, 2.05, 9.0), one(3.0, 3.0, 2.2, 9.0), one(1.0, 1.0, 4.0, 9.5), one(3.0, 3.0, 1.0, 9.0, 0.11)]
+    assert tune.pareto([present, *kept, *beaten]) == [present, *kept]
+    assert tune.pareto([present, *kept, *beaten, one(3.0, 3.0, 1.0, 9.0)])[0][1].lost == 0.0
+
+
+def test_the_search_keeps_what_nothing_beats(tuned):
+    """By brute force over every pair of candidates that it flew."""
+    front = [score for _, score in tune.pareto(tuned.flown)]
+    for _, score in tuned.flown:
+        if score.lost <= tuned.flown[0][1].lost:
+            wishes = (*score.objectives, score.lost)
+            assert any(all(a <= b for a, b in zip((*one.objectives, one.lost), wishes, strict=True)) for one in front)
+    assert len(front) >= 1
 
 
 def test_a_score_punishes_effort_beyond_the_present_and_lost_runs():
@@ -106,6 +162,32 @@ def test_a_score_punishes_effort_beyond_the_present_and_lost_runs():
     assert good._replace(effort=0.0).value(1.0) == good.value(1.0)
     assert good._replace(lost=0.1).value(1.0) > good.value(1.0) + 0.9
     assert math.isclose(good.value(1.0), 0.7 * math.log(2.0) + 0.5 * math.log(51.0))
+
+
+def test_a_search_finds_the_trade_between_two_known_wishes():
+    """x^2 against (x - 2)^2 over [0.1, 10]: the set that nothing beats is 0.1 <= x <= 2, and a limit is kept."""
+    pytest.importorskip("optuna", reason="needs the extra circumnav-mav[study]")
+    from circumnav_mav.study.nsga import search
+
+    seen: list[float] = []
+
+    def judge(point):
+        seen.append(point["x"])
+        return (point["x"] ** 2, (point["x"] - 2.0) ** 2), {"limit": point["x"] - 1.0}
+
+    search(judge, {"x": (0.1, 10.0)}, wishes=2, evaluations=160, seed=3)
+    assert len(seen) == 160 and 0.1 <= min(seen) < 0.15 and max(seen[:16]) > 5.0
+    assert sum(x <= 1.0 for x in seen[80:]) > 64  # a search that chances upon them finds 40
+
+
+def test_the_figures_are_written_as_json(tuned):
+    told = json.loads(tune_report.to_json(tuned, seed=1))
+    assert told["aircraft"]["wind_m_s"] == 1.0
+    assert told["after"]["rms_worst_m"] == tuned.after.rms_worst_m
+    assert [one["effort"] for one in told["pareto"]] == [score.effort for _, score in tune.pareto(tuned.flown)]
+    assert told["after"]["law"] == {"name": tuned.best.law, **tuned.best.law_options}
+    table = tune_report.table(tuned)
+    assert len(table) == 1 + min(12, len(told["pareto"])) and len(set(map(len, table))) == 1
 
 
 def test_the_plot_is_drawn(tuned, tmp_path):

@@ -38,6 +38,7 @@ def test_a_sensor_that_falls_silent_is_seen():
     for n in range(100):
         monitor.add(RangeSample(0.1 * n, 50.0), 0.1 * n)
     assert monitor.status(9.9).rate_hz == pytest.approx(10.0, rel=0.02)
+    assert math.isnan(monitor.status(9.9).delay_s), "dated by their arrival: nothing tells how late they are"
     assert monitor.status(12.9).longest_gap_s == pytest.approx(3.0)
     late = monitor.status(40.0)
     assert late.rate_hz == 0.0

@@ -1,4 +1,7 @@
-"""What the stub costs: `python -m tests.stub.bench`. CPU time, and an empty loop that says how fast the machine is."""
+"""What the stub costs: `python -m tests.stub.bench`, a part of `make bench`. CPU time, the best of several runs.
+
+An empty loop says how fast the machine is at the moment: whoever shares it makes everything dearer by the same factor.
+"""
 
 from __future__ import annotations
 
@@ -60,8 +63,8 @@ def lockstep(step_s: float, seconds: float = 60.0) -> float:
     return taken / ticks * 1e6
 
 
-def sockets(seconds: float = 15.0) -> tuple[float, float]:
-    """Return (start to ready [s], CPU share of a core) of the process at speed 1 with every default stream."""
+def sockets(seconds: float = 15.0) -> tuple[float, float, float]:
+    """Return (start to ready [s], its CPU time [s], CPU share of a core afterwards), every default stream."""
     ports = ["--offboard-port", str(free_port()), "--offboard-listen", "0", "--gcs-port", str(free_port())]
     command = [sys.executable, "-m", "sitl_stub", "--airborne", "20", *ports, "--gcs-listen", "0"]
     began = time.monotonic()
@@ -73,7 +76,7 @@ def sockets(seconds: float = 15.0) -> tuple[float, float]:
         time.sleep(seconds)
         share = (cpu_s(process.pid) - before) / seconds
         process.terminate()
-    return ready_s, share
+    return ready_s, before, share
 
 
 def cpu_s(pid: int) -> float:
@@ -82,11 +85,24 @@ def cpu_s(pid: int) -> float:
     return (int(fields[13]) + int(fields[14])) / 100.0
 
 
+RUNS = 5
+
+
+def main() -> None:
+    print(f"stub: the best of {RUNS} runs; an empty loop of 1000 turns takes {empty_loop_us():.1f} us now")
+    rows: list[tuple[float, float, float]] = []
+    for _ in range(RUNS):
+        rows.append((full_streams(20.0), lockstep(0.02, 20.0), lockstep(0.01, 20.0)))
+    started = [sockets(6.0) for _ in range(RUNS)]
+    print(f"  lockstep, all default streams: {max(r[0] for r in rows):.0f} x real time   (wanted: 100 or more)")
+    print(f"  OFFBOARD at 50 Hz, step 0.02 s: {min(r[1] for r in rows):.0f} us per 20 ms")
+    print(f"  OFFBOARD at 50 Hz, step 0.01 s: {min(r[2] for r in rows):.0f} us per 20 ms")
+    print(
+        f"  over UDP at speed 1, default streams: {min(s for _, _, s in started):.1%} of a core   (wanted: 5 % or less)"
+    )
+    ready_s, cpu = min(r for r, _, _ in started), min(c for _, c, _ in started)
+    print(f"  start to ready: {ready_s:.2f} s, {cpu:.2f} s of CPU   (wanted: less than 0.5 s)")
+
+
 if __name__ == "__main__":
-    print(f"an empty loop of 1000 turns           {empty_loop_us():7.1f} us")
-    print(f"all default streams, lockstep         {full_streams():7.0f} x real time")
-    print(f"OFFBOARD at 50 Hz, step 0.02 s        {lockstep(0.02):7.0f} us per 20 ms")
-    print(f"OFFBOARD at 50 Hz, step 0.01 s        {lockstep(0.01):7.0f} us per 20 ms")
-    ready, share = sockets()
-    print(f"start to ready                        {ready:7.2f} s")
-    print(f"over UDP at speed 1, default streams  {100 * share:7.1f} % of a core")
+    main()

@@ -1,8 +1,8 @@
 """Recorded flights of the real PX4 v1.16: how an extract of them is made, and read.
 
 The extract (tests/stub/data, < 300 kB) holds for each capture the companion's frames as they were (without its TIMESYNC
-answers, which change nothing) and what PX4 showed: heartbeats, acknowledgements, texts, message counts, and its motion
-at 10 Hz (50 Hz around steps). `python -m tests.stub.capture ../shared/captures` makes it anew.
+answers, which change nothing) and what PX4 showed: heartbeats, acknowledgements, texts, landed states, message counts,
+and its motion at 10 Hz (50 Hz around steps). `python -m tests.stub.capture ../shared/captures` makes it anew.
 """
 
 from __future__ import annotations
@@ -35,6 +35,7 @@ class Flight:
     heartbeats: list[list[float]]  # t, custom_mode, base_mode, system_status
     acks: list[list[float]]  # t, command, result
     texts: list[tuple[float, str]]
+    landed: list[list[float]]  # t, EXTENDED_SYS_STATE.landed_state: every change
     sensors: list[str]
     rates_hz: dict[int, float]
     motion: list[list[float]]  # t, x, y, z, vx, vy, vz, roll, pitch, yaw
@@ -60,6 +61,7 @@ class Watcher:
         self.heartbeats: list[list[float]] = []
         self.acks: list[list[float]] = []
         self.texts: list[tuple[float, str]] = []
+        self.landed: list[list[float]] = []
         self.counts: Counter[int] = Counter()
         self.sensors: list[str] = []  # SYS_STATUS present/enabled/health, every change
         self.motion: list[list[float]] = []
@@ -90,6 +92,10 @@ class Watcher:
             shown = "/".join(f"{b:08x}" for b in bits)
             if self.sensors[-1:] != [shown]:
                 self.sensors.append(shown)
+        elif msgid == 245:
+            state = self._decode(raw).landed_state
+            if [state] != [shown for _, shown in self.landed[-1:]]:
+                self.landed.append([t_s, state])
         elif msgid in (0, 77, 253):
             self._message(t_s, msgid, self._decode(raw))
 
@@ -129,6 +135,7 @@ def extract(name: str, path: Path, system_id: int) -> None:
         "heartbeats": [[round(h[0], 3), *h[1:]] for h in watcher.heartbeats],
         "acks": [[round(a[0], 4), *a[1:]] for a in watcher.acks],
         "texts": [[round(t, 3), text] for t, text in watcher.texts],
+        "landed": [[round(t, 3), state] for t, state in watcher.landed],
         "sensors": watcher.sensors,
         "rates_hz": {str(k): round(v, 4) for k, v in watcher.rates_hz().items()},
         "motion": [[round(row[0], 3), *(round(v, 4) for v in row[1:])] for row in watcher.motion],
@@ -147,6 +154,7 @@ def load(name: str) -> Flight:
         heartbeats=shown["heartbeats"],
         acks=shown["acks"],
         texts=[(t, text) for t, text in shown["texts"]],
+        landed=shown["landed"],
         sensors=shown["sensors"],
         rates_hz={int(k): v for k, v in shown["rates_hz"].items()},
         motion=shown["motion"],

@@ -15,7 +15,8 @@ from tests.stub.capture import CAPTURES, Flight, Watcher, load
 
 SIM_RATE = 0.9755  # the simulated PX4 ran this much slower than the wall clock that stamped its captures
 BOOTED_S = 8.75  # flight time when the captures begin
-MODE_S = 0.2 + 1.05  # a mode is seen at the next HEARTBEAT
+MODE_S, SHOWN_S = 0.2, 1.0  # a change of mode, and where only the next HEARTBEAT shows it
+LANDED_S = MODE_S + 0.1  # and half a period of EXTENDED_SYS_STATE, whose phase is another in the stub
 Row = list[float]
 
 
@@ -57,7 +58,8 @@ def replay(name: str) -> Watcher:
 def compare(name: str) -> list[Compared]:
     """Return every row of one capture."""
     flight, watcher = load(name), replay(name)
-    rows = [*_modes(flight, watcher), *_acks(flight, watcher), *_texts(flight, watcher), *_rates(flight, watcher)]
+    rows = [*_modes(flight, watcher), *_landed(flight, watcher), *_acks(flight, watcher), *_texts(flight, watcher)]
+    rows += _rates(flight, watcher)
     sensors = [" ".join(side.sensors) for side in (flight, watcher)]
     rows.append(Compared(name, "SYS_STATUS (present/enabled/health)", *sensors, "the same", sensors[0] == sensors[1]))
     return rows + (_quadx(flight, watcher) if name == "quadx" else _airplane(flight, watcher))
@@ -79,7 +81,19 @@ def _modes(flight: Flight, watcher: Watcher) -> list[Compared]:
     if same:
         for a, b in zip(real[1:], ours[1:], strict=True):
             what = f"HEARTBEAT shows {int(a[1]):08x}/{int(a[2])}"
-            rows.append(_number(flight.name, what, "s", a[0], b[0], absolute=MODE_S))
+            rows.append(_number(flight.name, what, "s", a[0], b[0], absolute=SHOWN_S))
+    return rows
+
+
+TAKING_OFF, IN_AIR = 3, 2
+
+
+def _landed(flight: Flight, watcher: Watcher) -> list[Compared]:
+    """EXTENDED_SYS_STATE comes five times a second: it tells the end of a take-off better than HEARTBEAT does."""
+    rows = []
+    for state, what in ((TAKING_OFF, "the take-off begins"), (IN_AIR, "the take-off is over")):
+        times = [next((t for t, s in side.landed if s == state), math.nan) for side in (flight, watcher)]
+        rows.append(_number(flight.name, f"{what} (landed_state {state})", "s", *times, absolute=LANDED_S))
     return rows
 
 
@@ -104,7 +118,7 @@ def _texts(flight: Flight, watcher: Watcher) -> list[Compared]:
         times = [
             next((t for t, text in side if text.startswith(start)), math.nan) for side in (flight.texts, watcher.texts)
         ]
-        rows.append(_number(flight.name, f"'{start} ...' is said", "s", *times, absolute=0.2))
+        rows.append(_number(flight.name, f"'{start} ...' is said", "s", *times, absolute=MODE_S))
     return rows
 
 
@@ -131,6 +145,11 @@ def _quadx(flight: Flight, watcher: Watcher) -> list[Compared]:
     rows = []
     for what, unit, figure, tolerance in (
         ("take-off: climb rate 20-30 s", "m/s", lambda m: _slope(m, 3, 20, 30, -1.0), {"relative": 0.15}),
+        ("take-off: climbs 1 m after", "s", lambda m: _climbed(m, 13.0, 1.0), {"relative": 0.15}),
+        ("take-off: climbs 5 m after", "s", lambda m: _climbed(m, 13.0, 5.0), {"relative": 0.15}),
+        ("take-off: climbs 10 m after", "s", lambda m: _climbed(m, 13.0, 10.0), {"relative": 0.15}),
+        ("take-off: climbs 20 m after", "s", lambda m: _climbed(m, 13.0, 20.0), {"relative": 0.15}),
+        ("take-off: climbs 29 m after", "s", lambda m: _climbed(m, 13.0, 29.0), {"relative": 0.15}),
         ("height in Hold 40-45 s", "m", lambda m: -_mean(m, 3, 40, 45), {"absolute": 1.0}),
         ("velocity step at 50 s: 50 %", "s", lambda m: _reached(m, 50.0, _speed, 2.5), {"relative": 0.15}),
         ("velocity step at 50 s: 63 %", "s", lambda m: _reached(m, 50.0, _speed, 3.15), {"relative": 0.15}),
@@ -227,6 +246,12 @@ def _reached(motion: list[Row], from_s: float, of, level: float) -> float:
         if q[0] > from_s and of(p) < level <= of(q):
             return p[0] + (q[0] - p[0]) * (level - of(p)) / (of(q) - of(p)) - from_s
     return math.nan
+
+
+def _climbed(motion: list[Row], from_s: float, height_m: float) -> float:
+    """Return how long after from_s the vehicle is height_m above where it then was."""
+    ground = next(row[3] for row in motion if row[0] >= from_s)
+    return next((row[0] - from_s for row in motion if row[0] >= from_s and ground - row[3] >= height_m), math.nan)
 
 
 def _number(

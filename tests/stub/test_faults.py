@@ -291,7 +291,7 @@ def test_a_wrong_line_says_what_is_wrong(line: str, words: str) -> None:
 
 
 def test_an_unknown_parameter_in_a_timeline_is_refused_at_the_start() -> None:
-    with pytest.raises(ValueError, match="no such parameter"):
+    with pytest.raises(ValueError, match="no parameter"):
         Stub(StubConfig(faults=("5 param NO_SUCH=1",)))
 
 

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+import random
 
 import pytest
 
-from tests.stub.rig import Rig, first_time, flying
+from sitl_stub.kinematics import angle_rates, body_rates
+from tests.stub.rig import Rig, first_time, flying, product, quaternion
 
 
 def offboard_at(velocity: tuple[float, float, float], yaw_rate: float = 0.0, **fields: float) -> Rig:
@@ -230,3 +232,17 @@ def test_a_wrong_compass_turns_body_velocities() -> None:
     truth = rig.stub.truth()
     assert rig.all("ATTITUDE")[-1].yaw == pytest.approx(error, abs=0.01)
     assert math.remainder(truth.course_rad - truth.heading_rad, 2 * math.pi) == pytest.approx(-error, abs=0.01)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_body_rates_are_those_of_the_turning_quaternion(seed: int) -> None:
+    """Truth: twice the vector part of q* dq, by a central difference of quaternions that the test makes itself."""
+    draw = random.Random(seed)
+    roll, pitch, yaw = draw.uniform(-3.0, 3.0), draw.uniform(-1.2, 1.2), draw.uniform(-3.0, 3.0)
+    rates = tuple(draw.uniform(-2.0, 2.0) for _ in range(3))
+    h = 1e-5
+    a, b = (quaternion(roll + s * h * rates[0], pitch + s * h * rates[1], yaw + s * h * rates[2]) for s in (-1.0, 1.0))
+    w, x, y, z = quaternion(roll, pitch, yaw)
+    turned = product((w, -x, -y, -z), tuple((q - p) / h for p, q in zip(a, b, strict=True)))[1:]
+    assert body_rates(roll, pitch, *rates) == pytest.approx(turned, abs=1e-6)
+    assert angle_rates(roll, pitch, *turned) == pytest.approx(rates, abs=1e-5)

@@ -205,6 +205,46 @@ def test_3_4_stickless_posctl_drifts_lands_disarms_and_says_offboard_again() -> 
     assert (beat.custom_mode, beat.base_mode) == (OFFBOARD, 17)
 
 
+@pytest.mark.parametrize(
+    ("action", "words"), [(5, {"Failsafe activated\t"}), (7, {"Failsafe activated\t", "Disarmed by failsafe\t"})]
+)
+def test_3_4_the_loss_is_told_in_words_that_name_no_offboard(action: int, words: set[str]) -> None:
+    """Severity 2, and only where a ground station was heard; the mode shows at the next HEARTBEAT."""
+    deaf, rig = flying(params={"COM_OBL_RC_ACT": action}), flying(params={"COM_OBL_RC_ACT": action})
+    for one in (deaf, rig):
+        one.enter_offboard(lambda _, one=one: one.local())
+        one.streaming = None
+    rig.gcs_heartbeat()
+    lost_s = first_time(rig, lambda: rig.mode != "OFFBOARD" or not rig.stub.truth().armed, 3.0)
+    deaf.run(3.0)
+    assert deaf.texts() == []
+    rig.run(0.05)
+    assert set(rig.texts()) <= words
+    assert "Failsafe activated\t" in rig.texts() or action == 7
+    assert all(m.severity in (2, 6) for m in rig.all("STATUSTEXT"))
+    if action == 5:
+        shown_s = first_time(rig, lambda: rig.all("HEARTBEAT")[-1].custom_mode != OFFBOARD, 2.0)
+        assert lost_s + shown_s <= 1.15 + 1.1
+    else:
+        assert "Disarmed by failsafe\t" in rig.texts()
+
+
+def test_3_4_return_climbs_first_and_says_so() -> None:
+    rig = flying(height_m=15.0, params={"COM_OBL_RC_ACT": 3})
+    rig.enter_offboard(lambda _: rig.local(velocity=(5, 0, 0)))
+    rig.run(8.0)
+    rig.gcs_heartbeat()
+    rig.streaming = None
+    rig.run(1.5)
+    assert rig.mode == "AUTO/RTL"
+    assert "".join(rig.texts()).split("\t")[-2].startswith("RTL: start return at 504 m (15 m above destination")
+    far_m = rig.stub.truth().north_m
+    first_time(rig, lambda: rig.stub.truth().height_m > 29.0, 30.0)
+    assert rig.stub.truth().north_m > far_m  # it climbs first, and only then comes home
+    rig.run(10.0)
+    assert rig.stub.truth().north_m < far_m - 10.0
+
+
 def test_3_4_the_parameter_acts_at_once_during_the_failsafe() -> None:
     rig = flying(params={"COM_OBL_RC_ACT": 3})
     rig.enter_offboard(lambda _: rig.local())

@@ -116,6 +116,28 @@ def test_sticks_do_nothing_in_offboard_by_default() -> None:
     assert rig.mode == "OFFBOARD"
 
 
+@pytest.mark.parametrize(("override", "command", "taken"), [(1, 17, True), (1, 20, True), (1, 21, True), (0, 17, False),
+                                                            (2, 17, False)])  # fmt: skip
+def test_sticks_take_over_from_what_flies_by_itself(override: int, command: int, taken: bool) -> None:
+    """COM_RC_OVERRIDE bit 0, set by default: Hold, Return and Land give way, by PX4's documents."""
+    rig = flying(params={"COM_RC_OVERRIDE": override})
+    rig.gcs_heartbeat()
+    rig.command(command)
+    before = rig.mode
+    with_sticks(rig, 0.5)
+    assert rig.mode == before
+    with_sticks(rig, 1.0, x=800)
+    assert rig.mode == ("POSCTL" if taken else before)
+    assert rig.texts().count("Pilot took over using sticks\t") == int(taken)
+
+
+def test_sticks_do_not_take_over_an_airplane() -> None:
+    rig = Rig(airframe="fixed_wing", start_height_m=100.0, params={"COM_RC_OVERRIDE": 3})
+    rig.run(0.5)
+    with_sticks(rig, 1.0, x=800)
+    assert rig.mode == "AUTO/LOITER"
+
+
 def test_sticks_take_over_with_COM_RC_OVERRIDE_3() -> None:
     rig = in_offboard(params={"COM_RC_OVERRIDE": 3})
     rig.gcs_heartbeat()

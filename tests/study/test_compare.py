@@ -6,9 +6,13 @@ import os
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
+from circumnav_mav.cli import app
 from circumnav_mav.study import compare
+from circumnav_mav.study.estimation_claims import claims, pilot_s_time
 from circumnav_mav.study.noise import draw
+from circumnav_mav.study.plant import World
 from circumnav_mav.study.scenarios import SCENARIOS
 from circumnav_mav.study.simulate import Pilot, simulate
 
@@ -62,23 +66,30 @@ def test_polar_makes_the_paper_s_law_smooth():
     assert 0.01 * row.u2_ratio <= 0.015
 
 
-def pilot_s_time(start, V=15.0, r_a=80.0, limit=0.458, lag=0.5, band=4.0):
-    """Seconds until a pilot who sees the target is in the band: shortest turn onto the tangent, then straight on."""
-    x, y, psi, u, t, dt = start.x, start.y, start.psi, 0.0, 0.0, 0.05
-    while math.hypot(x, y) > r_a + band:
-        wanted = math.atan2(-y, -x) + math.asin(min(1.0, r_a / math.hypot(x, y)))
-        command = max(-limit, min(limit, 2.0 * math.remainder(wanted - psi, 2.0 * math.pi) - u))
-        u += (command - u) * (1.0 - math.exp(-dt / lag))
-        psi += u * dt
-        x, y, t = x + V * math.cos(psi) * dt, y + V * math.sin(psi) * dt, t + dt
-    return t
-
-
 def test_settles_nearly_as_fast_as_a_pilot_who_sees_the_target():
     runs, seed = 200, 5
     flown = simulate(SCENARIOS["R_calm"], Pilot(*compare.BEST), runs, seed)
     pilots = np.array([pilot_s_time(draw(SCENARIOS["R_calm"], seed, i).start) for i in range(runs)])
     assert np.mean(flown["settle_s"] <= 1.5 * pilots) >= 0.95
+
+
+def test_the_pilot_who_sees_flies_the_length_of_the_tangent_and_the_turn():
+    """From 400 m, heading right onto the tangent: no turn, and the time is its length up to the edge of the band."""
+    heading = math.pi + math.asin(80.0 / 400.0)
+    start = World(0.0, 400.0, 0.0, heading, 0.0, *(math.nan,) * 6)
+    length_m = math.sqrt(400.0**2 - 80.0**2) - math.sqrt(84.0**2 - 80.0**2)
+    assert pilot_s_time(start) == pytest.approx(length_m / 15.0, abs=0.3)
+    back = pilot_s_time(start._replace(psi=heading + math.pi))
+    assert back == pytest.approx(length_m / 15.0 + math.pi / 0.458, abs=6.0)
+
+
+def test_the_claims_of_the_page_are_printed():
+    lines = list(claims(3, 1))
+    assert [line.split(",")[0] for line in lines] == ["P_calm", "P_calm", "R_calm", "R_calm", "R_wind5", "X_gusts"]
+
+
+def run(*arguments):
+    return CliRunner().invoke(app, list(arguments))
 
 
 FIELDS = (
@@ -87,14 +98,15 @@ FIELDS = (
 )
 
 
-def test_the_command_writes_the_rows_as_json(tmp_path, capsys):
+def test_the_command_writes_the_rows_as_json(tmp_path):
     path = tmp_path / "rows.json"
-    assert compare.main(["--scenario", "P_calm", "--runs", "5", "--seed", "3", "--json", str(path)]) == 0
+    done = run("compare", "--scenario", "P_calm", "--runs", "5", "--seed", "3", "--json", str(path))
+    assert done.exit_code == 0
     (row,) = json.loads(path.read_text())
     assert " ".join(row) == FIELDS
     assert (row["scenario"], row["law"], row["estimator"], row["runs"]) == ("P_calm", "tangent", "drift", 5)
     assert row["tail_rms_m"] == pytest.approx(math.sqrt(row["tail_ms_m2"]))
-    assert "P_calm" in capsys.readouterr().out
+    assert "P_calm" in done.stdout
 
 
 def test_a_row_that_never_settles_is_still_json():
@@ -112,12 +124,13 @@ def test_a_row_that_never_settles_is_still_json():
         (["--law", "q"], "hashemi2013"),
         (["--estimator", "q"], "drift"),
         (["--law", "tangent", "--estimator", "raw"], "cannot fly"),
-        (["--runs", "0"], "1 or more"),
+        (["--runs", "0"], "--runs"),
     ],
 )
-def test_a_wrong_name_is_answered_with_the_right_ones(arguments, word, capsys):
-    assert compare.main(arguments) == 2
-    assert word in capsys.readouterr().err
+def test_a_wrong_name_is_answered_with_the_right_ones(arguments, word):
+    done = run("compare", *arguments)
+    assert done.exit_code == 2
+    assert word in done.stderr
 
 
 def test_only_what_can_fly_is_paired():

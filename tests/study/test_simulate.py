@@ -1,6 +1,7 @@
 """The runner: compiled as plain, the same for a seed, and its figures taken again from the traces."""
 
 import math
+import os
 
 import numpy as np
 import pytest
@@ -98,12 +99,38 @@ def test_the_paper_on_raw_readings_costs_what_was_measured():
 
 def test_an_edited_kernel_is_compiled_again(tmp_path, monkeypatch):
     (tmp_path / "guidance").mkdir()
-    (tmp_path / "study").mkdir()
     (tmp_path / "guidance" / "callee.py").write_text("x = 1")
+    (tmp_path / "driver.py").write_text("y = 1")
     monkeypatch.setattr(kernels, "PACKAGE", tmp_path)
-    before = kernels._digest("a")
-    assert kernels._digest("a") == before != kernels._digest("b")
+    kernels._digest.cache_clear()
+    none, driver = frozenset(), frozenset({tmp_path / "driver.py"})
+    before = kernels._digest(none)
+    assert kernels._digest(none) == before != kernels._digest(driver)
     (tmp_path / "guidance" / "callee.py").write_text("x = 2")
-    assert kernels._digest("a") == before, "a running process keeps the key of the code that it runs"
-    kernels._sources.cache_clear()
-    assert kernels._digest("a") != before
+    assert kernels._digest(none) == before, "a running process keeps the key of the code that it runs"
+    kernels._digest.cache_clear()
+    assert kernels._digest(none) != before
+    kernels._digest.cache_clear()
+
+
+def test_the_key_looks_at_the_modules_that_the_kernels_stand_in():
+    bound = {"LAW": LAWS["hashemi2013"].turn_rate}
+    names = {path.name for path in kernels._files(drive.drive, bound)}
+    assert names == {"drive.py", "plant.py"}
+
+
+def test_compiled_code_of_older_sources_is_cleared_away(tmp_path, monkeypatch):
+    monkeypatch.setattr(kernels, "_home", lambda: tmp_path / "kernels")
+    for n in range(kernels.KEPT + 3):
+        folder = kernels._folder(f"{n:02}")
+        (folder / "code").mkdir()
+        os.utime(folder, (n, n))
+        if n < kernels.KEPT:
+            kernels._folder("00")  # in use all the time, so never old
+    assert sorted(path.name for path in (tmp_path / "kernels").iterdir()) == ["00", *(f"{n:02}" for n in range(4, 11))]
+
+
+def test_sources_that_cannot_be_written_beside_leave_it_to_the_cache_of_the_user(tmp_path, monkeypatch):
+    monkeypatch.setattr(kernels.os, "access", lambda *_: False)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    assert kernels._home() == tmp_path / "circumnav_mav" / "kernels"

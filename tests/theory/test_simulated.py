@@ -9,6 +9,7 @@ import pytest
 from circumnav_mav.guidance import feasibility as theory
 from circumnav_mav.guidance.laws import LAWS
 from circumnav_mav.study import paper_core, paper_run, setwise
+from circumnav_mav.study.noise import normals
 
 LAW = LAWS["hashemi2013"].turn_rate
 
@@ -96,7 +97,7 @@ def test_visits_are_counted_as_a_plain_count_does():
     outcome = setwise.try_out(trial, starts, seed=6)
     steps, squares, returns = 2400, np.zeros(2400), 0
     for run, (r0, theta0) in enumerate(starts):
-        noise = 0.5 / math.sqrt(0.05) * paper_run.normals(6, 0, run, 1, steps)[0]
+        noise = 0.5 / math.sqrt(0.05) * normals(6, 0, run, 1, steps)[0]
         rows = plain(5.0, (-r0, 0.0, theta0), steps, 0.05, noise)
         bearing = pi - np.arctan2(rows[:, 1], rows[:, 0]) + rows[:, 2]
         inside = np.array([trial.target.contains(r, t) for r, t in zip(rows[:, 3], bearing, strict=True)])

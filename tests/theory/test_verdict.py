@@ -1,11 +1,11 @@
 """What `circumnav check` says of a gain: one row a case, hand-made so that one thing is wrong in each."""
 
 from dataclasses import replace
-from math import radians
+from math import nan, radians
 
 import pytest
 
-from circumnav_mav.guidance.verdict import Flight, report, verdict
+from circumnav_mav.guidance.verdict import Flight, report, report_plain, verdict
 
 QUAD = Flight(r_a=50.0, kappa=3.0, V=5.0, turn_rate_limit=1.5, lag_s=0.2, update_s=0.02, wind=1.0)
 PLANE = Flight(r_a=80.0, kappa=1.2, V=15.0, turn_rate_limit=0.46, bank_limit=radians(35), lag_s=0.5, update_s=0.05)
@@ -19,6 +19,8 @@ ROWS = [
     ("held too long", replace(QUAD, kappa=7.0, lag_s=0.0, update_s=2.4), {("error", "lag"), ("warning", "spin")}),
     ("wind as fast as the vehicle", replace(QUAD, wind=5.0), {("error", "wind")}),
     ("wind moves the circle", replace(QUAD, kappa=1.0, wind=1.0), {("warning", "wind")}),
+    ("a speed held over the ground", replace(QUAD, kappa=1.0, wind=1.0, over_ground=True), set()),
+    ("and a wind beyond it", replace(QUAD, wind=9.0, over_ground=True), set()),
     ("a plane with room", PLANE, set()),
     ("a plane without", replace(PLANE, r_a=30.0, turn_rate_limit=0.6), {("error", "bank"), ("warning", "saturation")}),
     ("a plane without, downwind", replace(PLANE, wind=9.0, kappa=2.0), {("warning", "bank"), ("warning", "saturation"),
@@ -38,6 +40,17 @@ def test_each_fault_is_named_and_nothing_else(name, flight, wrong):
         assert "not hold" in sentence
     else:
         assert ("suits" in sentence) is (not wrong)
+
+
+def test_wind_is_told_for_any_law():
+    def told(flight):
+        (finding,) = [f for f in report_plain(flight) if f.topic == "wind"]
+        return finding.severity, finding.text
+
+    assert told(QUAD)[0] == "info" and "4 to 6 m/s over the ground" in told(QUAD)[1]
+    assert told(replace(QUAD, wind=5.0))[0] == "error"
+    assert "moves nothing" in told(replace(QUAD, over_ground=True))[1]
+    assert not [f for f in report_plain(replace(QUAD, wind=nan)) if f.topic == "wind"]
 
 
 def test_the_least_turn_radius_is_told_saturated_or_not():

@@ -231,12 +231,33 @@ def test_engage_auto_takes_off_and_circles(kind):
     assert vehicle.height == pytest.approx(40.0, abs=2.0)
 
 
-def test_a_plane_whose_take_off_is_too_low_is_told_what_to_set():
-    vehicle = FakeArduPilot(PLANE, 0)
+def test_a_plane_that_takes_off_to_less_climbs_the_rest_once_engaged():
+    vehicle = FakeArduPilot(PLANE, 0, beacon=(250.0, 100.0))
+    vehicle.ekf_from_s, vehicle.arm_from_s = 6.0, 9.0
     vehicle.parameters["TKOFF_ALT"] = 30.0
-    rig = Rig(PLANE, vehicle, engage="auto", orbit={"height_m": 40.0}).run(10.0)
-    assert "TKOFF_ALT is 30 m: set it to 40 m" in rig.flight.problem
-    assert not vehicle.armed
+    rig = Rig(PLANE, vehicle, engage="auto", orbit={"height_m": 60.0}).run(90.0)
+    assert rig.flight.problem == ""
+    assert "acquiring" in rig.phases
+    first_s = rig.setpoints()[0][0]
+    assert [r.height_m for r in rig.ticks if r.t_s <= first_s][-1] == pytest.approx(30.0, abs=3.0)
+    assert vehicle.height == pytest.approx(60.0, abs=2.0)
+
+
+@KINDS
+def test_one_that_has_restarted_and_streams_nothing_is_asked_again_and_never_flown_blind(kind):
+    rig = Rig(kind).run(6.0)
+    assert rig.phase == "ready"
+    rig.vehicle._interval.clear()
+    begin = len(rig.ticks)
+    rig.run(2.6)
+    assert any(tick.phase != "ready" for tick in rig.ticks[begin:])
+    if rig.phase != "ready":
+        rig.vehicle.set_mode(GUIDED[kind])
+        rig.run(0.1)
+        assert rig.setpoints() == []
+        rig.vehicle.set_mode(LOITER[kind])
+    rig.run(12.0)
+    assert rig.phase == "ready", rig.flight.waiting_for
 
 
 def test_the_copter_waits_for_its_estimator():

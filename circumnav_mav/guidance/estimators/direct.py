@@ -62,7 +62,8 @@ def predict(h: Side, m: Moved, par: Parameters) -> Side:
         return h
     V = m.V
     q = par.q if V > SLOW_SHARE * par.V else max(par.q, (SLOW_ACCEL_PER_S * par.V) ** 2)
-    v_in = min(max(h.r_dot, -V), V)  # wind can open or close faster than V: the excess is kept as it is
+    v_in = min(max(h.r_dot, -V), V)
+    excess = h.r_dot - v_in  # wind, or a speed that lags: it moves the range, and is kept as it is
     theta = h.side * acos(-v_in / V) if V > 0.0 else 0.0
     x, y = h.r * cos(theta) - m.ahead, -h.r * sin(theta) - m.left
     theta = -(atan2(y, x) - m.turn)
@@ -73,7 +74,7 @@ def predict(h: Side, m: Moved, par: Parameters) -> Side:
         prv *= par.V / sqrt(pvv)
         pvv = par.V**2
     side = h.side if sin(theta) * h.side >= 0.0 else -h.side
-    return Side(hypot(x, y), -V * cos(theta) + h.r_dot - v_in, prr, prv, pvv, h.log_weight, side)
+    return Side(max(0.0, hypot(x, y) + excess * dt), -V * cos(theta) + excess, prr, prv, pvv, h.log_weight, side)
 
 
 def correct(h: Side, error: float, a: float, b: float, variance: float) -> Side:
@@ -144,10 +145,13 @@ def observe(bank: list[Side], mem: Memory, m: Moved, z: Reading, par: Parameters
 
 
 def carry(bank: list[Side], mem: Memory, m: Moved, par: Parameters) -> Estimate:
-    """Return the estimate of the likelier side after a motion. theta is that of its side."""
+    """Return the estimate of the likelier side after a motion. theta is that of its side.
+
+    Near overhead a reading can draw the filter below 0; no range is, and no law is asked what to do at one.
+    """
     h = predict(bank[best_of(bank)], m, par)
     theta = h.side * acos(min(max(-h.r_dot / m.V, -1.0), 1.0)) if m.V > 0.0 else nan
-    return Estimate(h.r, h.r_dot, m.V, m.u, theta, m.psi, nan, nan, nan, nan)
+    return Estimate(max(h.r, 0.0), h.r_dot, m.V, m.u, theta, m.psi, nan, nan, nan, nan)
 
 
 def covariance(bank: list[Side]) -> tuple[float, ...]:

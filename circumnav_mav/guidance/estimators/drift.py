@@ -198,6 +198,11 @@ def covariance(bank: list[Drift]) -> tuple[float, ...]:
     return (c * c * h.xx + 2.0 * s * c * h.xy + s * s * h.yy, h.xx, h.xy, h.yy, h.uu, h.vv, h.ss)
 
 
+def places(bank: list[Drift]) -> list[tuple[float, float]]:
+    """Return where each hypothesis has the target [m], east and north of the vehicle."""
+    return [(h.px, h.py) for h in bank]
+
+
 def parameters(options: Mapping[str, float], context: EstimatorContext) -> Parameters:
     """Return the kernel's parameters; priors and noises are shares of the airspeed, so that they suit any vehicle."""
     given = {**OPTIONS, **options}
@@ -239,6 +244,7 @@ ESTIMATOR = Estimator(
     observe=observe,
     carry=carry,
     covariance=covariance,
+    places=places,
     parameters=parameters,
     options=OPTIONS,
     needs=frozenset({"range", "speed", "turn_rate", "heading", "airspeed"}),

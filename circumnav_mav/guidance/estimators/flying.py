@@ -6,9 +6,10 @@ a late sample is put where it belongs, a dropout costs nothing, and an estimate 
 
 from __future__ import annotations
 
-from math import isnan, nan, sqrt
+from math import exp, isnan, nan, sqrt
 from typing import Any
 
+from circumnav_mav.guidance.estimators.noise import NoiseMeter
 from circumnav_mav.guidance.kernel import (
     NAN,
     OUTLIER,
@@ -50,6 +51,7 @@ class FlyingEstimator:
         self._mem = Memory()
         self._trail = Trail(TRAIL_S, self._speed_m_s)
         self._anchor: Place | None = None  # where the bank stands
+        self.noise = NoiseMeter()
         self.restarts = 0  # times the readings outvoted the belief since the reset
 
     def advance(self, now_s: float, motion: Motion) -> None:
@@ -68,12 +70,16 @@ class FlyingEstimator:
             if sample.t_s <= self._anchor.t_s:
                 return Rejected(sample.t_s, "out_of_order", "a later range was used before it")
             moved = self._trail.between(self._anchor, place, motion)
-        reading = Reading(sample.range_m, sample.range_rate_m_s, sample.sigma_m)
+            predicted = self._kernels.carry(self._bank, self._mem, moved, self._par)
+            self.noise.add(sample.range_m - predicted.r)
+        reading = Reading(sample.range_m, sample.range_rate_m_s, self.noise.sigma(sample.sigma_m))
         self._mem = self._kernels.observe(self._bank, self._mem, moved, reading, self._par)
         self._anchor = place
         if self._mem.verdict == OUTLIER:
             return Rejected(sample.t_s, "outlier", f"{sample.range_m:.1f} m does not fit the ranges before it")
-        self.restarts += self._mem.verdict == RESTARTED
+        if self._mem.verdict == RESTARTED:
+            self.restarts += 1
+            self.noise.restart()
         return None
 
     def at(self, now_s: float, motion: Motion) -> Estimate | None:
@@ -87,6 +93,20 @@ class FlyingEstimator:
     def covariance(self) -> tuple[float, ...]:
         """Return the variances that the estimator's module names, as of the last sample."""
         return self._kernels.covariance(self._bank)
+
+    def spread_m(self) -> float:
+        """Return how far the hypotheses lie from the leading one, rms by their weights: 0 once they agree.
+
+        `covariance` is the leader's own; while the ring is open it is this that says how little is known.
+        """
+        places = self._kernels.places(self._bank) if self._kernels.places is not None else []
+        if len(places) < 2:
+            return 0.0
+        x, y = places[0]
+        most = max(h.log_weight for h in self._bank)
+        weights = [exp(h.log_weight - most) for h in self._bank]
+        squares = ((px - x) ** 2 + (py - y) ** 2 for px, py in places)
+        return sqrt(sum(w * d for w, d in zip(weights, squares, strict=True)) / sum(weights))
 
     def sigma_r(self) -> float:
         """Return the standard deviation of the range at the last sample, m; NaN while unknown."""

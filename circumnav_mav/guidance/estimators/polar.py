@@ -191,6 +191,11 @@ def covariance(bank: list[Polar]) -> tuple[float, ...]:
     return (h.prr, h.prt, h.ptt)
 
 
+def places(bank: list[Polar]) -> list[tuple[float, float]]:
+    """Return where each hypothesis has the target [m], ahead and left of the vehicle."""
+    return [(h.r * cos(h.theta), -h.r * sin(h.theta)) for h in bank]
+
+
 def parameters(options: Mapping[str, float], context: EstimatorContext) -> Parameters:
     """Return the kernel's parameters; noises given as a share of speed and of the turn rate on the circle."""
     given = {**OPTIONS, **options}
@@ -225,6 +230,7 @@ ESTIMATOR = Estimator(
     observe=observe,
     carry=carry,
     covariance=covariance,
+    places=places,
     parameters=parameters,
     options=OPTIONS,
     needs=frozenset({"range", "speed", "turn_rate"}),

@@ -15,14 +15,14 @@ from math import isfinite, nan, sqrt
 from typing import NamedTuple
 
 from circumnav_mav.guidance.kernel import Estimate, Law, LawContext
-from circumnav_mav.guidance.laws.hashemi2013 import Parameters, parameters
+from circumnav_mav.guidance.laws.hashemi2013 import TINY, Parameters, parameters
 
 
 def smooth(est: Estimate, par: Parameters) -> float:
     """Return u [rad/s, + counter-clockwise] for the clockwise orbit; 0 inside r_s. eq. (u_o-defn)."""
     if est.r < par.r_s:
         return 0.0
-    return -par.k * (est.r_dot + est.V * sqrt(1.0 - (par.r_s / est.r) ** 2))
+    return -par.k * (est.r_dot + est.V * sqrt(1.0 - (par.r_s / (est.r + TINY)) ** 2))
 
 
 class Saturated(NamedTuple):

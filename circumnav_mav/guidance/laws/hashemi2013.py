@@ -15,6 +15,10 @@ from circumnav_mav.guidance.kernel import Estimate, Law, LawContext
 KAPPA_LEAST = 1.0 - 1e-9
 """Least gain kappa = k r_a: below it no r_s exists. The slack is for a k that was computed as 1 / r_a."""
 
+TINY = 1e-300
+"""Added to a range [m] that is divided by: nothing to any but 0, which a reading can be and which at kappa = 1, where
+r_s is 0, is outside it."""
+
 
 class Parameters(NamedTuple):
     k: float  # gain, rad/m
@@ -27,7 +31,7 @@ def turn_rate(est: Estimate, par: Parameters) -> float:
     Outside r_s, steer to the tangent of the circle of radius r_s; inside it, steer outwards. eq. (u-defn).
     """
     if est.r >= par.r_s:
-        return -par.k * (est.r_dot + est.V * sqrt(1.0 - (par.r_s / est.r) ** 2))
+        return -par.k * (est.r_dot + est.V * sqrt(1.0 - (par.r_s / (est.r + TINY)) ** 2))
     return -par.k * (est.r_dot - est.V * sqrt(1.0 - (est.r / par.r_s) ** 2))
 
 

@@ -26,19 +26,24 @@ class Unfit(NamedTuple):
 
 
 class Fitness:
-    """Watches until the autopilot is fit; from then on it counts as fit until it restarts."""
+    """Watches until the autopilot is fit; from then on it counts as fit until it restarts, or its messages end.
+
+    An ArduPilot that restarts streams nothing by itself, not even the clock by which a restart is seen.
+    """
 
     def __init__(self, vehicle: VehicleClass, all_classes: Iterable[VehicleClass]) -> None:
         self._vehicle, self._classes = vehicle, tuple(all_classes)
         self._fit_for: tuple[int | None, int] | None = None
         self._ask_next_s = nan
 
-    def unfit(self, ap: Autopilot, now_s: float) -> Unfit | None:
-        """Return why control must not begin at `now_s`; None where the autopilot is fit."""
+    def unfit(self, ap: Autopilot, now_s: float, *, held: bool = False) -> Unfit | None:
+        """Return why control must not begin at `now_s`; None where the autopilot is fit. held: we have control."""
         if ap.sysid is None:
             return None  # not heard: that is said elsewhere
         if self._fit_for == (ap.sysid, ap.reboots):
-            return None
+            if held or not ap.heard(now_s) or not self._missing(ap, now_s):
+                return None
+            self._fit_for = None
         wrong = self._wrong(ap)
         if wrong is not None:
             return wrong

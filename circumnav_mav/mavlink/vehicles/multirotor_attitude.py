@@ -120,6 +120,12 @@ PX4_MULTIROTOR_ATTITUDE = VehicleClass(
     speed="believed",
     turn_lag_s=0.45,
     encoder=Attitude,
+    defaults={
+        "law": {"name": "hashemi2013", "kappa": 4.0},
+        "estimator": {"name": "direct"},
+        "limits": {"turn_rate_rad_s": 0.6, "turn_accel_rad_s2": 1.0, "bank_deg": 20.0},
+        "on_range_lost": "stop",  # Hold, Return and Land need a position
+    },
     take_off=TakeOff(None, "amsl", frozenset({px4_modes.TAKEOFF}), px4_modes.HOLD, level_s=3.0),
     banks=True,
     attitude=True,

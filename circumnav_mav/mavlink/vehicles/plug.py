@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from math import inf, tan
-from typing import Literal, NamedTuple, Protocol
+from typing import Any, Literal, NamedTuple, Protocol, TypeAlias
 
 from circumnav_mav.mavlink.autopilot import VehicleState
 from circumnav_mav.mavlink.commands import Command
@@ -21,6 +21,21 @@ HEIGHT = ("GLOBAL_POSITION_INT", "LOCAL_POSITION_NED", "VFR_HUD")
 """Groups of messages of which a class needs one."""
 NO_ATTITUDE = "no attitude from the autopilot"
 NO_PLACE = "no place and course from the autopilot"
+
+Defaults: TypeAlias = Mapping[str, Any]
+"""Sections of the configuration with the values that suit a class, `law` and `estimator` always among them."""
+
+PAPER: Defaults = {"law": {"name": "hashemi2013"}, "estimator": {"name": "direct"}}
+"""For what holds its ground speed: wind is no concern of the law then."""
+
+IN_WIND: Defaults = {"law": {"name": "tangent"}, "estimator": {"name": "drift"}}
+"""For what flies at an airspeed: in wind of a third of it every law on range and range rate alone loses flights."""
+
+SMALL_PLANE: Defaults = {
+    **IN_WIND,
+    "orbit": {"radius_m": 80.0, "speed_m_s": 12.0},
+    "limits": {"turn_accel_rad_s2": 0.5},  # the bank changes by 35 deg/s at most, half of PX4's FW_R_RMAX
+}
 
 
 class Options(NamedTuple):
@@ -75,8 +90,8 @@ class TakeOff:
     """Time of level flight at the top before control is asked for (a plane's trim is learned then)."""
     height_parameter: str = ""
     """The autopilot's parameter that decides the height, where no command carries it."""
-    arm_patience_s: float = 0.0
-    """Arming that is refused is tried again for so long: an ArduPilot is not ready when it says STANDBY."""
+    arm_patience_s: float = 10.0
+    """Arming that is refused is tried again for so long: the reason may pass, and ArduPilot says STANDBY too early."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,14 +109,16 @@ class VehicleClass:
     speed: Literal["ground", "air", "believed"]  # what the law takes for the speed
     turn_lag_s: float  # 63 % of a step in turn rate, measured
     encoder: Callable[[Options], Encoder]
+    defaults: Defaults  # where the file says nothing
     take_off: TakeOff | None = None
     lead_s: float = 0.0  # lag of the course behind the nose, measured, taken out by turning the velocity ahead
     banks: bool = False  # turns by limits.bank_deg
+    turn_share: float = 1.0  # of a coordinated turn's rate, which a bank gives for sure
     lateral_m_s2: float = inf  # acceleration across the course that the autopilot gives at most
     attitude: bool = False  # flies by attitude: takes vehicle.pitch_deg and vehicle.thrust
     wants_pitch: bool = False  # cannot fly without vehicle.pitch_deg
 
     def turn_rate_limit(self, turn_rate_rad_s: float, bank_rad: float, speed_m_s: float) -> float:
         """Return the turn rate [rad/s] that limits, bank and lateral acceleration all allow at a speed."""
-        lateral = min(self.lateral_m_s2, G_M_S2 * tan(bank_rad) if self.banks else inf)
+        lateral = min(self.lateral_m_s2, self.turn_share * G_M_S2 * tan(bank_rad) if self.banks else inf)
         return min(turn_rate_rad_s, lateral / speed_m_s)

@@ -24,7 +24,16 @@ from circumnav_mav.mavlink.setpoints import (
 )
 from circumnav_mav.mavlink.streams import WANTED_HZ
 from circumnav_mav.mavlink.vehicles.learned import Learned
-from circumnav_mav.mavlink.vehicles.plug import AIRSPEED, ATTITUDE, HEIGHT, NO_ATTITUDE, Options, TakeOff, VehicleClass
+from circumnav_mav.mavlink.vehicles.plug import (
+    AIRSPEED,
+    ATTITUDE,
+    HEIGHT,
+    NO_ATTITUDE,
+    SMALL_PLANE,
+    Options,
+    TakeOff,
+    VehicleClass,
+)
 from circumnav_mav.types import TurnRateSetpoint
 
 PLANES = frozenset((enums.MAV_TYPE_FIXED_WING,))
@@ -151,6 +160,7 @@ PX4_FIXED_WING = VehicleClass(
     speed="air",
     turn_lag_s=0.2,
     encoder=Bank,
+    defaults=SMALL_PLANE,
     take_off=TAKE_OFF,
     banks=True,
     attitude=True,

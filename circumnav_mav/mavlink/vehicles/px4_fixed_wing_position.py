@@ -22,7 +22,16 @@ from circumnav_mav.mavlink.setpoints import (
     within,
     yaw_rate_rad_s,
 )
-from circumnav_mav.mavlink.vehicles.plug import AIRSPEED, ATTITUDE, ESTIMATOR, NO_PLACE, VELOCITY, Options, VehicleClass
+from circumnav_mav.mavlink.vehicles.plug import (
+    AIRSPEED,
+    ATTITUDE,
+    ESTIMATOR,
+    NO_PLACE,
+    SMALL_PLANE,
+    VELOCITY,
+    Options,
+    VehicleClass,
+)
 from circumnav_mav.mavlink.vehicles.px4_fixed_wing import MESSAGES_HZ, PLANES, TAKE_OFF
 from circumnav_mav.types import TurnRateSetpoint
 
@@ -97,6 +106,7 @@ PX4_FIXED_WING_POSITION = VehicleClass(
     speed="air",
     turn_lag_s=0.6,
     encoder=CurvedPath,
+    defaults=SMALL_PLANE,
     take_off=TAKE_OFF,
     banks=True,
 )

@@ -16,7 +16,16 @@ from circumnav_mav.mavlink.commands import Command
 from circumnav_mav.mavlink.dialect import enums
 from circumnav_mav.mavlink.setpoints import Encoded, body_velocity, checked, within, yaw_rate_rad_s
 from circumnav_mav.mavlink.streams import ARDUPILOT_HZ, WANTED_HZ
-from circumnav_mav.mavlink.vehicles.plug import ATTITUDE, ESTIMATOR, HEIGHT, VELOCITY, Options, TakeOff, VehicleClass
+from circumnav_mav.mavlink.vehicles.plug import (
+    ATTITUDE,
+    ESTIMATOR,
+    HEIGHT,
+    PAPER,
+    VELOCITY,
+    Options,
+    TakeOff,
+    VehicleClass,
+)
 from circumnav_mav.types import TurnRateSetpoint
 
 HEIGHT_GAIN_PER_S = 0.5
@@ -94,6 +103,7 @@ PX4_MULTIROTOR = VehicleClass(
     speed="ground",
     turn_lag_s=0.45,
     encoder=Velocity,
+    defaults=PAPER,
     take_off=TakeOff(None, "amsl", frozenset({px4_modes.TAKEOFF}), px4_modes.HOLD),
     lead_s=0.6,
 )
@@ -110,6 +120,7 @@ ARDUCOPTER = VehicleClass(
     speed="ground",
     turn_lag_s=0.3,
     encoder=ArduCopterVelocity,
+    defaults={**PAPER, "limits": {"turn_rate_rad_s": 0.5, "turn_accel_rad_s2": 1.5}},
     take_off=TakeOff(COPTER_GUIDED, "relative", frozenset({COPTER_GUIDED}), COPTER_GUIDED, arm_patience_s=60.0),
     lead_s=0.62,
     lateral_m_s2=2.5,  # WPNAV_ACCEL: what is asked above it is not flown
@@ -127,5 +138,6 @@ PX4_ROVER = VehicleClass(
     speed="ground",
     turn_lag_s=0.5,
     encoder=RoverVelocity,
+    defaults=PAPER,
     lead_s=1.0 / 3.0,  # 1 / RO_YAW_P
 )
