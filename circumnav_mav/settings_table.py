@@ -93,6 +93,23 @@ PX4_COPTER: tuple[Row, ...] = (
     *loss_action(2, ERROR, WARNING, f"Stabilized mode{NO_STICKS}it sinks at 0.4 m/s and drifts"),
 )
 
+NO_POSITION: tuple[Row, ...] = (
+    Row(
+        "COM_OBL_RC_ACT",
+        lambda v, f: v == 1 and f.has_rc,
+        OK,
+        "if this app dies: Altitude mode, and the pilot flies by stick",
+    ),
+    Row(
+        "COM_OBL_RC_ACT",
+        is_(3, 5),
+        WARNING,
+        "if this app dies: Return or Hold, which needs a position: a vehicle that has none cannot do it",
+        "set COM_OBL_RC_ACT to 1 (Altitude) with a pilot at the sticks, or 4 (Land)",
+    ),
+)
+"""For the class that is made for vehicles without one; these rows come before the others."""
+
 PX4_PLANE: tuple[Row, ...] = (
     *loss_action(0, ERROR, WARNING, f"Position mode{NO_STICKS}it flies STRAIGHT AWAY, for ever"),
     *loss_action(1, ERROR, WARNING, f"Altitude mode{NO_STICKS}it flies straight away"),
@@ -247,7 +264,7 @@ ARDUPILOT: tuple[Row, ...] = (
 
 TABLES: dict[str, tuple[Row, ...]] = {
     "px4_multirotor": PX4 + PX4_COPTER + PX4_BY_VELOCITY,
-    "px4_multirotor_attitude": PX4 + PX4_COPTER,
+    "px4_multirotor_attitude": NO_POSITION + PX4 + PX4_COPTER,
     "px4_fixed_wing": PX4 + PX4_PLANE,
     "px4_fixed_wing_position": PX4 + PX4_PLANE + PX4_PLANE_BY_POSITION,
     "px4_rover": (*PX4, Row("COM_OBL_RC_ACT", any_value, WARNING, "what a rover does then was never measured", SINKS)),
