@@ -158,3 +158,25 @@ def test_the_least_range_of_a_turn_is_that_of_the_flown_turn():
             y += (V * math.sin(heading) + drift[1]) * 1e-3
             least = min(least, math.hypot(x, y))
         assert tangent.least_range(est, turn, par) == pytest.approx(least, abs=1.5)
+
+
+@pytest.mark.parametrize("drift", [(0.0, 0.0), (3.0, 0.0)])
+@pytest.mark.parametrize("period_s", [0.7, 1.5, 2.5])
+@pytest.mark.parametrize("psi", [0.0, 0.25, -0.5])
+def test_mirror_images_that_lead_in_turns_do_not_lead_over_the_target(psi, period_s, drift):
+    """Seen in flight: the target said to lie on one side and then on the other, and the lag spent on changing sides."""
+    lag_s, dt = 1.0, 0.01
+    par = LAWS["tangent"].parameters({}, context(lag_s=0.5 * lag_s))
+    x, y, u, least = -2.0 * R_A, 0.0, 0.0, math.inf
+    for n in range(3000):
+        seen = truth(x, y, psi, u, drift)
+        if int(n * dt / period_s) % 2:  # the same range and range rate: the target mirrored in the course
+            course = math.atan2(V * math.sin(psi) + drift[1], V * math.cos(psi) + drift[0])
+            bearing = 2.0 * course - math.atan2(seen.py, seen.px)
+            seen = seen._replace(px=seen.r * math.cos(bearing), py=seen.r * math.sin(bearing))
+        u += (LAWS["tangent"].turn_rate(seen, par) - u) * dt / lag_s
+        psi += u * dt
+        x += (V * math.cos(psi) + drift[0]) * dt
+        y += (V * math.sin(psi) + drift[1]) * dt
+        least = min(least, math.hypot(x, y))
+    assert least > 0.25 * R_A
