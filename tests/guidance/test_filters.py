@@ -72,7 +72,7 @@ def test_drift_updates_as_the_matrix_equations_do_in_polar_coordinates(what):
         want = mean + step
         want[:2] = (r + along) * np.array([math.cos(bearing + swing), math.sin(bearing + swing)])
         if what == "range":
-            new = drift_gaussian.use_range(h, measure(mean) + error, 0.25, 9.0)
+            new, _ = drift_gaussian.use_range(h, measure(mean) + error, 0.25, 9.0)
         else:
             new = drift_gaussian.use_rate(h, measure(mean) + error, m, 0.25, 9.0)
         got, state = matrix(new)
@@ -83,7 +83,7 @@ def test_drift_updates_as_the_matrix_equations_do_in_polar_coordinates(what):
 
 def test_a_reading_beyond_the_gate_costs_and_does_not_move():
     h, _, _ = drift_hypothesis(np.random.default_rng(3))
-    hit = drift_gaussian.use_range(h, math.hypot(h.px, h.py) + 1e4, 1.0, 4.0)
+    hit, _ = drift_gaussian.use_range(h, math.hypot(h.px, h.py) + 1e4, 1.0, 4.0)
     assert hit[:-1] == h[:-1]
     assert hit.log_weight < h.log_weight - 7.9
 
