@@ -160,14 +160,21 @@ def test_the_least_range_of_a_turn_is_that_of_the_flown_turn():
         assert tangent.least_range(est, turn, par) == pytest.approx(least, abs=1.5)
 
 
-@pytest.mark.parametrize("drift", [(0.0, 0.0), (3.0, 0.0)])
-@pytest.mark.parametrize("period_s", [0.7, 1.5, 2.5])
-@pytest.mark.parametrize("psi", [0.0, 0.25, -0.5])
-def test_mirror_images_that_lead_in_turns_do_not_lead_over_the_target(psi, period_s, drift):
+@pytest.mark.parametrize(
+    ("x", "psi", "period_s", "wind"),
+    [
+        (-1.2, 0.0, 0.5, 0.0),
+        (-1.2, 0.0, 1.0, 3.0),
+        (-1.2, 0.0, 1.0, 0.0),
+        (-1.5, -0.2, 1.0, 3.0),
+        (-1.5, -0.2, 0.5, 3.0),
+    ],
+)
+def test_mirror_images_that_lead_in_turns_do_not_lead_over_the_target(x, psi, period_s, wind):
     """Seen in flight: the target said to lie on one side and then on the other, and the lag spent on changing sides."""
-    lag_s, dt = 1.0, 0.01
+    lag_s, dt, drift = 1.0, 0.01, (wind, 0.0)
     par = LAWS["tangent"].parameters({}, context(lag_s=0.5 * lag_s))
-    x, y, u, least = -2.0 * R_A, 0.0, 0.0, math.inf
+    x, y, u, least = x * R_A, 0.0, 0.0, math.inf
     for n in range(3000):
         seen = truth(x, y, psi, u, drift)
         if int(n * dt / period_s) % 2:  # the same range and range rate: the target mirrored in the course
@@ -179,4 +186,4 @@ def test_mirror_images_that_lead_in_turns_do_not_lead_over_the_target(psi, perio
         x += (V * math.cos(psi) + drift[0]) * dt
         y += (V * math.sin(psi) + drift[1]) * dt
         least = min(least, math.hypot(x, y))
-    assert least > 0.25 * R_A
+    assert least > 0.4 * R_A
