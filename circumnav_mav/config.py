@@ -236,7 +236,7 @@ class Config(Section):
         )
 
 
-RESTARTS_A_MINUTE = 3
+RESTARTS_A_MINUTE = 5
 """So many restarts of the estimator within a minute mean that ranges and motion do not belong together."""
 
 

@@ -139,7 +139,7 @@ class Flight:
         self.was_stopped = False
         """Whether the process was stopped since the last tick began."""
         self._frames: list[bytes] = []
-        self._signing_told = False
+        self._signing_told = self._noise_told = False
         self._clock_told = False
         self._r_m = nan
         self._end_action = "hold"
@@ -232,6 +232,7 @@ class Flight:
         self._frames += link.poll(now_s) + link.read_parameters(now_s)
         self._tell_failures(now_s)
         self._tell_signing(now_s)
+        self._tell_noise(now_s)
         # In the order in which they were packed: a receiver of signed frames refuses one that is overtaken.
         frames, self._frames = self._frames, []
         return frames, self._record(now_s, decision, lateness_s, missed_ticks)
@@ -409,6 +410,13 @@ class Flight:
         if self.link.signs_at_us and not self._signing_told:
             self._signing_told = True
             self._tell(now_s, "the autopilot signs its messages: without vehicle.signing_key_file it obeys nothing", 4)
+
+    def _tell_noise(self, now_s: float) -> None:
+        noise, expected_m = self.computer.estimator.noise, self._config.ranging.sigma_m
+        if not self._noise_told and noise.noisier(expected_m):
+            self._noise_told = True
+            words = f"ranges are noisier than ranging.sigma_m = {expected_m:g} m: about {noise.sigma_m:.1f} m"
+            self._tell(now_s, f"{words}, which is flown on", INFO)
 
     def _show_target(self, now_s: float, decision: Decision) -> None:
         """Locate the target; once a second draw the orbit on the ground station's map, where it can be placed."""

@@ -14,6 +14,7 @@ from typing import NamedTuple
 
 from circumnav_mav.config import Config
 from circumnav_mav.mavlink.autopilot import AUTOPILOT_COMPONENT
+from circumnav_mav.mavlink.codec import Frame
 from circumnav_mav.mavlink.dialect import by_name, enums
 from circumnav_mav.mavlink.link import AutopilotLink
 from circumnav_mav.mavlink.signing import Signer
@@ -81,8 +82,9 @@ class Audit:
         self._decoys = 0
         self._since_s = SETTLE_S
 
-    def receive(self, data: bytes, now_s: float, *, ranging: bool = False, whole: bool = True) -> None:
-        """Take in what arrived at `now_s`; ranging: on the radio's own link."""
+    def receive(self, data: bytes, now_s: float, *, ranging: bool = False, whole: bool = True) -> bool:
+        """Take in what arrived at `now_s`, return whether from the autopilot; ranging: on the radio's own link."""
+        frames: list[Frame] = []
         if ranging:
             _, results = self.ranges.on_bytes(data, now_s, whole=whole, signer=self.link.signer)
         else:
@@ -98,6 +100,7 @@ class Audit:
                 self._decoys += str(result.reason) in ("wrong_source", "decoy_orientation")
             elif now_s >= self._since_s:
                 self._accepted += 1
+        return self.link.is_autopilots(frames)
 
     def tick(self, now_s: float) -> list[bytes]:
         """Return what is to be sent: heartbeat, requests for streams and parameters. Never a setpoint, never a mode."""

@@ -126,7 +126,8 @@ class GuidanceComputer:
 
     def _horizontal(self, sample: RangeSample, height_m: float, climb_m_s: float) -> RangeSample | Rejected:
         """Slant range R to horizontal range, r = sqrt(R^2 - h^2), where the target's height is configured."""
-        sigma = self._settings.sigma_m if isnan(sample.sigma_m) else sample.sigma_m
+        # A sensor may claim more than was configured. Less is not believed: DISTANCE_SENSOR's ends at 16 cm.
+        sigma = max(self._settings.sigma_m, self._settings.sigma_m if isnan(sample.sigma_m) else sample.sigma_m)
         if isnan(self._settings.target_height_m):
             return RangeSample(sample.t_s, sample.range_m, sample.range_rate_m_s, sigma, sample.beacon_id)
         above = height_m - self._settings.target_height_m

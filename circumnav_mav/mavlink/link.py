@@ -113,6 +113,11 @@ class AutopilotLink:
         self.counts.decoded = self._decoder.decoded
         return frames, others
 
+    def is_autopilots(self, frames: list[Frame]) -> bool:
+        """Return whether the autopilot is among the senders of frames; until it is known, any autopilot."""
+        sysid = self.autopilot.sysid
+        return any(f.compid == AUTOPILOT_COMPONENT and sysid in (None, f.sysid) for f in frames)
+
     def _on_mode(self, fields: Any, now_s: float) -> None:
         self.authority.on_mode(now_s)
 

@@ -132,10 +132,11 @@ class App:
         self._silenced = True
         self._verdict = ("hung", f"the loop did not tick for {WITHIN_S:g} s; setpoints have stopped for good")
 
-    def _on_data(self, link: str, data: bytes) -> None:
+    def _on_data(self, link: str, data: bytes) -> bool:
         frames = self.flight.receive(data, self._clock.now(), link, whole=self._links[link].whole)
         for frame in frames:
             self._recorder.frame(frame.raw)
+        return self.flight.link.is_autopilots(frames)
 
     def _on_change(self, link: str, up: bool, words: str) -> None:
         now_s = self._clock.now()

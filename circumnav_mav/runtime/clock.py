@@ -8,6 +8,9 @@ import time
 from collections.abc import Callable
 from math import ceil
 
+QUIET_S = 0.001
+"""The last moment before a tick, in wall seconds, is slept outside the event loop: no datagram gets in between."""
+
 
 class Clock:
     """Flight seconds since this clock was made: monotonic, never the wall's. speed: flight seconds a wall second."""
@@ -20,9 +23,19 @@ class Clock:
         """Return the flight time, s."""
         return (time.monotonic() - self._start_s) * self.speed
 
+    def left_s(self, flight_s: float) -> float:
+        """Return the wall time until a flight time, s; 0 where it has passed."""
+        return max(0.0, (flight_s - self.now()) / self.speed)
+
     async def sleep_until(self, flight_s: float) -> None:
         """Sleep to a flight time; at once where it has passed (other tasks still get their turn)."""
-        await asyncio.sleep(max(0.0, (flight_s - self.now()) / self.speed))
+        await asyncio.sleep(max(0.0, self.left_s(flight_s) - QUIET_S))
+        self._sleep_quietly_until(flight_s)
+
+    def _sleep_quietly_until(self, flight_s: float) -> None:
+        """Sleep like a bare loop; a timer of the event loop comes after the datagrams that woke with it."""
+        if (left_s := self.left_s(flight_s)) > 0.0:
+            time.sleep(left_s)
 
 
 async def run_on_grid(clock: Clock, rate_hz: float, tick: Callable[[float, float, int], bool]) -> None:

@@ -41,8 +41,8 @@ def listen(config: Config, seconds: float) -> list[Finding]:
 async def _run(audit: Audit, links: list[Transport], clock: Clock, seconds: float) -> None:
     loop = asyncio.get_running_loop()
 
-    def on_data(ranging: bool, link: Transport, data: bytes) -> None:
-        audit.receive(data, clock.now(), ranging=ranging, whole=link.whole)
+    def on_data(ranging: bool, link: Transport, data: bytes) -> bool:
+        return audit.receive(data, clock.now(), ranging=ranging, whole=link.whole)
 
     for i, link in enumerate(links):
         link.start(loop, partial(on_data, i == 1, link), lambda up, words: None)

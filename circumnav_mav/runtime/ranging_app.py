@@ -74,7 +74,7 @@ class RangingApp:
             except TimeoutError:
                 continue
 
-    def take(self, data: bytes) -> None:
+    def take(self, data: bytes) -> bool:
         """Take in what the link has heard."""
         now_s = self._clock.now()
         _, results = self.feed.on_bytes(data, now_s, whole=self._link.whole, signer=self._signer)
@@ -88,6 +88,7 @@ class RangingApp:
         if not self._clock_told and (words := self.feed.receiver.clock_words):
             self._clock_told = True
             self._view.event(now_s, words)
+        return True
 
     def _on_change(self, up: bool, words: str) -> None:
         self._view.event(self._clock.now(), words)

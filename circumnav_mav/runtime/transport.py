@@ -11,7 +11,8 @@ from typing import Any, Protocol
 
 from circumnav_mav.endpoint import Endpoint
 
-OnData = Callable[[bytes], None]
+OnData = Callable[[bytes], bool]
+"""Takes what arrived; returns whether its sender is the one to speak to, where several share a port."""
 OnChange = Callable[[bool, str], None]
 """(True: the link is up again, False: it is lost; in words)."""
 

@@ -16,7 +16,10 @@ MOST_DATAGRAMS_A_TURN = 1
 
 
 class UdpLink:
-    """One UDP endpoint. udpin binds and answers whoever spoke last; udpout speaks to one address."""
+    """One UDP endpoint. udpin binds, and speaks to whom on_data last said to; udpout speaks to one address.
+
+    A radio, or a ground station, may send to the very port of the autopilot: setpoints must not go to it.
+    """
 
     whole = True
 
@@ -58,10 +61,9 @@ class UdpLink:
                 break
             except ConnectionError:
                 continue  # an ICMP refusal of something sent earlier: the peer is not there (yet)
-            if self.endpoint.kind == "udpin":
-                self._peer = peer
             count += 1
-            self._on_data(data)
+            if (self._on_data(data) or self._peer is None) and self.endpoint.kind == "udpin":
+                self._peer = peer
         return count
 
     def send(self, data: bytes) -> None:

@@ -45,6 +45,7 @@ ROWS = [
     Row("wide orbit", 0.8, 2.0, {"orbit": {"radius_m": 120.0, "speed_m_s": 8.0}}, {"distance_m": 400.0}, 350.0),
     Row("wind 2 m/s", 0.6, 1.5, world={"wind_east_m_s": 2.0}),
     Row("wind 4 m/s, gusts", 1.0, 2.5, world={"wind_north_m_s": -4.0, "gust_sigma_m_s": 1.0}),
+    Row("noise 1 m that nobody told", 1.0, 3.0, world={"range_sigma_m": 1.0}),
     Row("noise 1 m", 1.0, 3.0, {"ranging": {"sigma_m": 1.0}}, {"range_sigma_m": 1.0}),
     Row("a range every half second", 1.0, 2.5, world={"range_rate_hz": 2.0}),
     Row("15 s dropout on the orbit", 1.5, 3.5, world={"range_dropouts_s": ((180.0, 195.0),)}),

@@ -27,6 +27,7 @@ class Flight:
     lag_s: float = 0.45
     turn_rate_limit: float = 0.8
     sigma_r: float = 0.3
+    claimed: float | None = None  # sigma that comes with a range; None: the true one
     sigma_r_dot: float = math.nan  # NaN: the sensor has no range rate
     sample_hz: float = 10.0
     latency_s: float = 0.0
@@ -78,7 +79,12 @@ class Flight:
                     z = r + draw.gauss(0.0, self.sigma_r)
                     if draw.random() < self.outliers:
                         z += draw.expovariate(1.0 / self.outlier_mean_m)
-                    waiting.append((t + self.latency_s, RangeSample(t, z, r_dot, self.sigma_r)))
+                    waiting.append(
+                        (
+                            t + self.latency_s,
+                            RangeSample(t, z, r_dot, self.sigma_r if self.claimed is None else self.claimed),
+                        )
+                    )
             while waiting and waiting[0][0] <= t + 1e-9:
                 refused = self.est.on_sample(waiting.pop(0)[1], motion)
                 if refused:

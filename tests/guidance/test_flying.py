@@ -5,6 +5,7 @@ import random
 
 import pytest
 
+from circumnav_mav.config import RESTARTS_A_MINUTE
 from circumnav_mav.guidance.estimators import ESTIMATORS, make
 from circumnav_mav.guidance.kernel import SOURCES, EstimatorContext, Motion
 from circumnav_mav.guidance.laws import LAWS
@@ -165,3 +166,11 @@ def test_what_an_estimator_declares_is_what_it_gives():
 def test_every_law_flies_on_some_estimator():
     for law in LAWS.values():
         assert any(set(law.needs) <= estimator.gives for estimator in ESTIMATORS.values())
+
+
+@pytest.mark.parametrize(("estimator", "law"), [("direct", "hashemi2013"), ("drift", "tangent")])
+def test_ranges_three_times_noisier_than_configured_are_flown_on(estimator, law):
+    flight = Flight(estimator=estimator, law=law, sigma_r=1.0, claimed=0.3, lag_s=0.1).fly(150.0)
+    assert flight.est.noise.sigma_m == pytest.approx(1.0, rel=0.5)
+    assert flight.est.restarts < RESTARTS_A_MINUTE  # until the noise has shown itself
+    assert flight.rms(100.0) < 0.6

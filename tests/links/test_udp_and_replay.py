@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import select
 import socket
 
 import pytest
+from pymavlink.dialects.v20 import all as mavlink
 
 from circumnav_mav.endpoint import parse
+from circumnav_mav.mavlink.link import AutopilotLink
 from circumnav_mav.ranging import replay
 from circumnav_mav.runtime.links import open_link
 from circumnav_mav.runtime.transport import LinkError
 from circumnav_mav.types import RangeSample
-from tests.links.fake_loop import PATIENCE_S, Wire
+from tests.links.fake_loop import PATIENCE_S, FakeLoop, Wire
 
 
 @pytest.fixture
@@ -23,7 +26,61 @@ def peer():
     made.close()
 
 
-def test_a_listening_link_answers_whoever_spoke_last(peer):
+@pytest.fixture
+def radio():
+    made = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    made.bind(("127.0.0.1", 0))
+    made.settimeout(PATIENCE_S)
+    yield made
+    made.close()
+
+
+def heartbeat(sysid, compid=1):
+    mav = mavlink.MAVLink(None, sysid, compid)
+    return mav.heartbeat_encode(2, 12, 81, 0, 4, 3).pack(mav)
+
+
+def distance(sysid, compid=158):
+    mav = mavlink.MAVLink(None, sysid, compid)
+    return mav.distance_sensor_encode(0, 20, 65000, 12000, 0, 7, 0, 255).pack(mav)
+
+
+def test_a_radio_or_another_vehicle_on_the_autopilots_port_does_not_get_its_setpoints(peer, radio):
+    autopilot = AutopilotLink(["DISTANCE_SENSOR"])
+    link = open_link(parse("udpin://127.0.0.1:0"))
+    loop, count = FakeLoop(), 0
+
+    def take(data):
+        nonlocal count
+        count += 1
+        return autopilot.is_autopilots(autopilot.receive(data, float(count))[0])
+
+    link.start(loop, take, lambda up, words: None)
+
+    def says(sender, *frames):
+        wanted = count + len(frames)
+        for frame in frames:
+            sender.sendto(frame, ("127.0.0.1", link.port))
+        loop.until(lambda: count == wanted)
+
+    def who_hears(text):
+        link.send(text)
+        (heard,), _, _ = select.select([peer, radio], [], [], PATIENCE_S)
+        assert heard.recv(1000) == text
+        return heard
+
+    says(radio, distance(1))
+    assert who_hears(b"nobody else has spoken yet") is radio
+    says(peer, heartbeat(1))
+    assert who_hears(b"streams, please") is peer
+    says(radio, *[distance(1)] * 20, heartbeat(1, compid=158), heartbeat(7))
+    assert who_hears(b"a setpoint") is peer
+    says(radio, heartbeat(1))
+    assert who_hears(b"the autopilot has restarted on another port") is radio
+    link.close()
+
+
+def test_a_listening_link_answers_whom_it_is_told_to(peer):
     wire = Wire(open_link(parse("udpin://127.0.0.1:0")))
     wire.link.send(b"nobody yet")
     for text in (b"one", b"two"):

@@ -62,7 +62,8 @@ def predict(h: Side, m: Moved, par: Parameters) -> Side:
         return h
     V = m.V
     q = par.q if V > SLOW_SHARE * par.V else max(par.q, (SLOW_ACCEL_PER_S * par.V) ** 2)
-    v_in = min(max(h.r_dot, -V), V)  # wind can open or close faster than V: the excess is kept as it is
+    v_in = min(max(h.r_dot, -V), V)
+    excess = h.r_dot - v_in  # wind, or a speed that lags: it moves the range, and is kept as it is
     theta = h.side * acos(-v_in / V) if V > 0.0 else 0.0
     x, y = h.r * cos(theta) - m.ahead, -h.r * sin(theta) - m.left
     theta = -(atan2(y, x) - m.turn)
@@ -73,7 +74,7 @@ def predict(h: Side, m: Moved, par: Parameters) -> Side:
         prv *= par.V / sqrt(pvv)
         pvv = par.V**2
     side = h.side if sin(theta) * h.side >= 0.0 else -h.side
-    return Side(hypot(x, y), -V * cos(theta) + h.r_dot - v_in, prr, prv, pvv, h.log_weight, side)
+    return Side(max(0.0, hypot(x, y) + excess * dt), -V * cos(theta) + excess, prr, prv, pvv, h.log_weight, side)
 
 
 def correct(h: Side, error: float, a: float, b: float, variance: float) -> Side:
@@ -128,9 +129,10 @@ def observe(bank: list[Side], mem: Memory, m: Moved, z: Reading, par: Parameters
     for i in range(2):
         bank[i] = predict(bank[i], m, par)
     h = bank[best_of(bank)]
-    nis = (z.r - h.r) ** 2 / (h.prr + variance)
+    error = z.r - h.r
+    nis = error * error / (h.prr + variance)
     if nis > par.gate**2:
-        mem = refuse(mem, z.r, m.dt, 2.0 * par.V, 2.0 * par.gate * sigma_r)
+        mem = refuse(mem, z.r, m.dt, 2.0 * par.V, 2.0 * par.gate * sigma_r, error)
         if mem.verdict == RESTARTED:
             seed(bank, z, par, variance)
         return mem
@@ -140,7 +142,7 @@ def observe(bank: list[Side], mem: Memory, m: Moved, z: Reading, par: Parameters
             bank[i] = correct(bank[i], z.r_dot - bank[i].r_dot, 0.0, 1.0, par.sigma_r_dot**2)
     settle(bank)
     known = 1.0 if bank[best_of(bank)].pvv < (0.4 * par.V) ** 2 else mem.known
-    return remember(mem, m.dt, nis, known, 0.0)
+    return remember(mem, m.dt, nis, known, 0.0, error)
 
 
 def carry(bank: list[Side], mem: Memory, m: Moved, par: Parameters) -> Estimate:

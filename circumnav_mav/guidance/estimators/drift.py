@@ -125,8 +125,9 @@ def observe(bank: list[Drift], mem: Memory, m: Moved, z: Reading, par: Parameter
         used.append(after)
         nis.append(n)
     least, leader = judged(bank, nis)
+    error = z.r - hypot(bank[0].px, bank[0].py)
     if least > par.gate**2:
-        mem = refuse(mem, z.r, m.dt, 2.0 * par.V, 2.0 * par.gate * sigma_r)
+        mem = refuse(mem, z.r, m.dt, 2.0 * par.V, 2.0 * par.gate * sigma_r, error)
         if mem.verdict == RESTARTED:
             seed(bank, z, par, variance)
         return mem
@@ -144,8 +145,8 @@ def observe(bank: list[Drift], mem: Memory, m: Moved, z: Reading, par: Parameter
     h = bank[0]
     if alarm > par.alarm or hypot(h.wx, h.wy) > par.w_most or abs(h.s) > par.s_most:
         seed(bank, z, par, variance)
-        return Memory(mem.known, RESTARTED, leader, 1.0, nan, 0.0, 0.0)
-    return remember(mem, m.dt, leader, 1.0, alarm)
+        return Memory(mem.known, RESTARTED, leader, 1.0, nan, 0.0, 0.0, nan)
+    return remember(mem, m.dt, leader, 1.0, alarm, error)
 
 
 def carry(bank: list[Drift], mem: Memory, m: Moved, par: Parameters) -> Estimate:

@@ -9,6 +9,7 @@ from __future__ import annotations
 from math import isnan, nan, sqrt
 from typing import Any
 
+from circumnav_mav.guidance.estimators.noise import NoiseMeter
 from circumnav_mav.guidance.kernel import (
     NAN,
     OUTLIER,
@@ -48,6 +49,7 @@ class FlyingEstimator:
         self._mem = Memory()
         self._trail = Trail(TRAIL_S, self._speed_m_s)
         self._anchor: Place | None = None  # where the bank stands
+        self.noise = NoiseMeter()
         self.restarts = 0  # times the readings outvoted the belief since the reset
 
     def advance(self, now_s: float, motion: Motion) -> None:
@@ -67,12 +69,15 @@ class FlyingEstimator:
             moved = self._trail.between(self._anchor, place, motion)
         else:
             return Rejected(sample.t_s, "out_of_order", "a later range was used before it")
-        reading = Reading(sample.range_m, sample.range_rate_m_s, sample.sigma_m)
+        reading = Reading(sample.range_m, sample.range_rate_m_s, self.noise.sigma(sample.sigma_m))
         self._mem = self._kernels.observe(self._bank, self._mem, moved, reading, self._par)
         self._anchor = place
+        self.noise.add(self._mem.error)
         if self._mem.verdict == OUTLIER:
             return Rejected(sample.t_s, "outlier", f"{sample.range_m:.1f} m does not fit the ranges before it")
-        self.restarts += self._mem.verdict == RESTARTED
+        if self._mem.verdict == RESTARTED:
+            self.restarts += 1
+            self.noise.restart()
         return None
 
     def at(self, now_s: float, motion: Motion) -> Estimate | None:

@@ -152,8 +152,9 @@ def observe(bank: list[Polar], mem: Memory, m: Moved, z: Reading, par: Parameter
         used.append(h)
         nis.append(n)
     least, leader = judged(bank, nis)
+    error = z.r - bank[0].r
     if least > par.gate**2:
-        mem = refuse(mem, z.r, m.dt, 2.0 * par.V, 2.0 * par.gate * sigma_r)
+        mem = refuse(mem, z.r, m.dt, 2.0 * par.V, 2.0 * par.gate * sigma_r, error)
         if mem.verdict == RESTARTED:
             seed(bank, z, par, variance)
         return mem
@@ -170,9 +171,9 @@ def observe(bank: list[Polar], mem: Memory, m: Moved, z: Reading, par: Parameter
     alarm = smoothed(mem.alarm, min(leader, par.gate**2))
     if alarm > par.alarm:
         seed(bank, z, par, variance)
-        return Memory(mem.known, RESTARTED, leader, 1.0, nan, 0.0, 0.0)
+        return Memory(mem.known, RESTARTED, leader, 1.0, nan, 0.0, 0.0, nan)
     known = 1.0 if bank[0].ptt < 0.25 else mem.known
-    return remember(mem, m.dt, leader, known, alarm)
+    return remember(mem, m.dt, leader, known, alarm, error)
 
 
 def carry(bank: list[Polar], mem: Memory, m: Moved, par: Parameters) -> Estimate:

@@ -17,8 +17,8 @@ LIKELY = 6.0
 """A hypothesis within this of the best has a say in whether a reading is an echo."""
 
 CHANGE = 1.0
-"""How much likelier (natural logarithm) another hypothesis must be before the vehicle flies on it. At 3 one run of 1,000
-of the study's R_moving was lost: it stayed too long with a wrong one."""
+"""How much likelier (natural logarithm) another hypothesis must be before the vehicle flies on it. At 3 one run of
+1,000 of the study's R_moving was lost: it stayed too long with a wrong one."""
 
 TWIN = 3.0
 """A kind of air that was given up starts again from the leader, this much less likely (natural logarithm)."""
