@@ -64,11 +64,13 @@ def prune(bank: list[Any]) -> None:
 
     Not for a near tie, or the vehicle would dither.
     """
-    least = bank[best_of(bank)].log_weight - PRUNE
+    best = best_of(bank)
+    least = bank[best].log_weight - PRUNE
     for i in range(len(bank) - 1, -1, -1):
         if bank[i].log_weight < least:
             bank.pop(i)
-    best = best_of(bank)
+            if i < best:
+                best -= 1
     if bank[best].log_weight > bank[0].log_weight + CHANGE:
         bank[0], bank[best] = bank[best], bank[0]
 
