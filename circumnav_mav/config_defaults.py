@@ -21,7 +21,7 @@ SIMPLE_LAW = "hashemi2013"
 """Needs range and range rate only: every estimator gives them."""
 SIMPLE_ESTIMATORS = ("direct", "drift")
 PLUGS = ("law", "estimator")
-SPEEDS = {"ground": "measured over the ground", "air": "measured airspeed", "believed": "as configured, not measured"}
+SPEEDS = {"ground": "measured over the ground", "air": "measured airspeed", "believed": "believed, from the tilt"}
 
 
 def with_defaults(data: Mapping[str, Any]) -> tuple[dict[str, Any], tuple[str, ...]]:

@@ -64,7 +64,7 @@ def test_the_shipped_file_of_a_class_says_what_the_class_decides(path):
         ("px4_fixed_wing", "law: {reach_s: 2.0}", "tangent", "drift", "law.name estimator.name"),
         ("px4_multirotor", "law: {name: tangent}", "tangent", "drift", "estimator.name"),
         ("px4_multirotor", "law: {kappa: 5}", "hashemi2013", "direct", "law.name estimator.name"),
-        ("px4_multirotor_attitude", "law: {k: 0.1}", "hashemi2013", "direct", "law.name estimator.name"),
+        ("px4_multirotor_attitude", "law: {name: hashemi2013, k: 0.1}", "hashemi2013", "drift", "estimator.name"),
     ],
 )
 def test_what_is_named_wins_and_the_rest_goes_with_it(name, given, law, estimator, open_):
@@ -93,11 +93,11 @@ def test_an_unknown_class_is_the_only_fault_told():
 
 @pytest.mark.parametrize("name", [n for n, v in VEHICLES.items() if v.airframe in AIRFRAMES and n.startswith("px4")])
 def test_a_class_by_its_name_alone_settles_on_the_stub(name):
-    """A plane in wind of a third of its speed, a multirotor in a breeze; one that cannot see the wind in still air."""
+    """A plane in wind of a third of its speed, a multirotor in a breeze."""
     config = parse(named_only(name))
     orbit, vehicle = config.orbit, config.vehicle_class
     flies = vehicle.airframe == "fixed_wing"
-    wind_m_s = {"air": orbit.speed_m_s / 3.0, "ground": 2.0, "believed": 0.0}[vehicle.speed]
+    wind_m_s = {"air": orbit.speed_m_s / 3.0, "ground": 2.0, "believed": 2.0}[vehicle.speed]
     rig = Rig(
         config,
         airborne(

@@ -35,7 +35,7 @@ def copter(world: dict[str, Any] | None = None, **sections: Any) -> Rig:
     app = config(
         vehicle={"class": "px4_multirotor_attitude", "pitch_deg": -4.37},
         limits={"turn_rate_rad_s": 0.6, "turn_accel_rad_s2": 1.0, "bank_deg": 20.0},
-        **sections,
+        **{"law": {"name": "hashemi2013"}, "estimator": {"name": "direct"}, **sections},
     )
     return Rig(app, airborne(**{"height_m": 20.0, **(world or {})}))
 
@@ -162,7 +162,7 @@ def test_gps_lost_in_flight_changes_nothing_for_it():
 def test_what_nobody_measures_nobody_corrects():
     """Wind moves it as it moves a plane, and a pitch that flies another speed than believed moves the orbit: bounded,
     but not small. The documentation says so; this holds it to that."""
-    windy = copter(world={"wind_east_m_s": 1.0, "seed": 2}, law={"kappa": 4.0}).engage()
+    windy = copter(world={"wind_east_m_s": 1.0, "seed": 2}, law={"name": "hashemi2013", "kappa": 4.0}).engage()
     windy.run(170.0)
     assert 0.6 < windy.log.rms_m(63.0) < 3.0
     assert all(abs(truth.height_m - 20.0) < 1.5 for truth in held(windy))

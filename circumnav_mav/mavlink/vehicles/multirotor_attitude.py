@@ -27,7 +27,7 @@ from circumnav_mav.mavlink.setpoints import (
 )
 from circumnav_mav.mavlink.streams import WANTED_HZ
 from circumnav_mav.mavlink.vehicles.learned import Learned
-from circumnav_mav.mavlink.vehicles.plug import ATTITUDE, NO_ATTITUDE, Options, TakeOff, VehicleClass
+from circumnav_mav.mavlink.vehicles.plug import ATTITUDE, IN_WIND, NO_ATTITUDE, Options, TakeOff, VehicleClass
 from circumnav_mav.mavlink.vehicles.velocity import COPTERS
 from circumnav_mav.types import TurnRateSetpoint
 
@@ -121,8 +121,7 @@ PX4_MULTIROTOR_ATTITUDE = VehicleClass(
     turn_lag_s=0.45,
     encoder=Attitude,
     defaults={
-        "law": {"name": "hashemi2013", "kappa": 4.0},
-        "estimator": {"name": "direct"},
+        **IN_WIND,
         "limits": {"turn_rate_rad_s": 0.6, "turn_accel_rad_s2": 1.0, "bank_deg": 20.0},
         "on_range_lost": "stop",  # Hold, Return and Land need a position
     },
