@@ -64,7 +64,7 @@ def test_the_shipped_file_of_a_class_says_what_the_class_decides(path):
         ("px4_fixed_wing", "law: {reach_s: 2.0}", "tangent", "drift", "law.name estimator.name"),
         ("px4_multirotor", "law: {name: tangent}", "tangent", "drift", "estimator.name"),
         ("px4_multirotor", "law: {kappa: 5}", "hashemi2013", "direct", "law.name estimator.name"),
-        ("px4_multirotor_attitude", "law: {k: 0.1}", "hashemi2013", "direct", "law.name estimator.name"),
+        ("px4_multirotor_attitude", "law: {name: hashemi2013, k: 0.1}", "hashemi2013", "drift", "estimator.name"),
     ],
 )
 def test_what_is_named_wins_and_the_rest_goes_with_it(name, given, law, estimator, open_):

@@ -121,8 +121,8 @@ PX4_MULTIROTOR_ATTITUDE = VehicleClass(
     turn_lag_s=0.45,
     encoder=Attitude,
     defaults={
-        "law": {"name": "hashemi2013", "kappa": 4.0},
-        "estimator": {"name": "direct"},
+        "law": {"name": "tangent"},
+        "estimator": {"name": "drift"},  # the wind carries it as it carries a plane
         "limits": {"turn_rate_rad_s": 0.6, "turn_accel_rad_s2": 1.0, "bank_deg": 20.0},
         "on_range_lost": "stop",  # Hold, Return and Land need a position
     },
