@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from math import nan, radians
 
+from circumnav_mav.advice import rate_of_ranges, suits
 from circumnav_mav.config import Config, Limits, Vehicle
 from circumnav_mav.config_defaults import told
 from circumnav_mav.guidance.laws import LAWS
@@ -39,23 +40,9 @@ def findings(config: Config) -> list[Finding]:
     found = report(flight) if of_paper else report_plain(flight)
     if config.law.name != PROVEN:
         found = [finding for finding in found if finding.topic != "recurrence"]
+    if of_paper:
+        found += rate_of_ranges(config, kappa, flight.lag_s + 0.5 * flight.update_s)
     return sorted([*found, *suits(config), *idle], key=lambda finding: list(MARK).index(finding.severity))
-
-
-def suits(config: Config) -> Iterator[Finding]:
-    """Yield which estimator suits the vehicle, where another one is chosen."""
-    in_air = config.vehicle_class.speed in ("air", "believed")
-    if in_air and config.estimator.name != "drift":
-        text = (
-            f"{config.vehicle.kind} drifts with the wind, which {config.estimator.name} does not know: estimator drift "
-            "with law tangent suits it"
-        )
-        yield Finding("warning", "estimator", text)
-        if config.orbit.r_min_m is not None or config.orbit.r_max_m is not None:
-            text = (
-                "orbit.r_min_m and r_max_m hold in wind below a tenth of the speed only: estimator drift counts it in"
-            )
-            yield Finding("warning", "estimator", text)
 
 
 def idle_keys(config: Config) -> Iterator[str]:

@@ -203,13 +203,23 @@ def pymavlink_pack_us() -> float:
     return (time.process_time() - begin) / count * 1e6
 
 
+WANTED_US = {"direct": 20.0, "polar": 20.0, "drift": 100.0}
+
+
 def estimators() -> None:
-    """What a range costs each estimator, in flight."""
+    """What a range costs each estimator, in flight, beside a fixed piece of work of the same kind in the same run."""
     from circumnav_mav.study import cost
 
-    print("estimators, in plain Python")
+    print("estimators, in plain Python: an update, one while the ring of hypotheses is full, a tick")
+    yardstick = min(pymavlink_pack_us() for _ in range(5))
     for one in cost.estimator_costs():
-        print(f"  {one}")
+        times = one.update_us, one.full_us, one.tick_us
+        figures = ", ".join(f"{us:.1f} us ({us / yardstick:.2f})" for us in times)
+        wanted = WANTED_US.get(one.estimator)
+        print(
+            f"  {one.estimator:7s} {figures}" + (f"   (wanted: an update in {wanted:g} us or less)" if wanted else "")
+        )
+    print(f"  in brackets: in packings of an ATTITUDE by pymavlink, {yardstick:.1f} us on this machine, now")
 
 
 def study() -> None:

@@ -101,6 +101,7 @@ class Memory(NamedTuple):
     rival_r: float = NAN  # the range that readings refused by the gate agree on, m
     rival_age: float = 0.0  # since the rival was last confirmed, s
     votes: float = 0.0  # readings for the rival, less those against it
+    error: float = NAN  # the last reading, used or not, minus the range that the leader had expected, m
 
 
 ACCEPTED, OUTLIER, RESTARTED = 0.0, 1.0, 2.0

@@ -166,7 +166,7 @@ def _wind(f: Flight) -> Iterator[Finding]:
         return
     text = (
         f"a steady wind of {f.wind:.3g} m/s {moved} "
-        "(first order in wind / speed; less with a larger kappa, none with an estimator that knows the drift)"
+        "(first order in wind / speed; less with a larger kappa, none with law tangent on estimator drift)"
     )
     yield Finding("warning" if shift.size_m > 0.1 * f.r_a else "info", "wind", text)
 

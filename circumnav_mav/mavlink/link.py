@@ -26,6 +26,8 @@ COMPANION_COMPONENT = 191
 HEARTBEAT_S = 1.0
 ASK_MODE_S = 0.1
 """While the mode is not known, it is asked for so often: PX4 gives up a silent companion after about a second."""
+OVERDUE_S, ASK_OVERDUE_S = 1.2, 0.2
+"""An ArduPilot tells its mode once a second: after so long that message was lost, and is asked for, so often."""
 NEED_HZ = 1.0
 """Rate to ask for what a vehicle class needs to hear, without flying on it."""
 PARAM_INT32 = 6
@@ -200,6 +202,9 @@ class AutopilotLink:
         due += [self._command(command) for command in self.commands.poll(now_s)]
         if self.authority.seen() is Seen.NOTHING and not now_s < self._ask_mode_next_s:
             due += self._ask_mode(now_s)  # the last answer may have been lost
+        elif now_s - self.autopilot.mode_s > OVERDUE_S and not now_s < self._ask_mode_next_s:
+            self._ask_mode_next_s = now_s + ASK_OVERDUE_S
+            due.append(self._request_mode())
         due += [self._mode(request) for request in requests]
         return due
 
@@ -237,8 +242,11 @@ class AutopilotLink:
         token = int(now_s * 1e9)
         self._asked_s[token] = now_s
         dated = self._packer.pack("TIMESYNC", tc1=0, ts1=token)
+        return [dated, self._request_mode()]
+
+    def _request_mode(self) -> bytes:
         request = (float(by_name("CURRENT_MODE" if self.words.tells_intention else "HEARTBEAT").msgid),)
-        return [dated, self._command(Command(enums.MAV_CMD_REQUEST_MESSAGE, request + (0.0,) * 6, "mode"))]
+        return self._command(Command(enums.MAV_CMD_REQUEST_MESSAGE, request + (0.0,) * 6, "mode"))
 
     def reconnected(self, now_s: float) -> list[bytes]:
         """The link was lost and is back: set it up again, its settings went with it; then as after any gap."""

@@ -53,7 +53,7 @@ PLANE = "vehicle: {class: px4_fixed_wing}\norbit: {radius_m: 100, speed_m_s: 12}
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        (PLANE + "law: {name: hashemi2013, kappa: 1}", "by about 50 m"),
+        (PLANE + "law: {name: hashemi2013, kappa: 1}\nestimator: {name: direct}", "by about 50 m"),
         (PLANE + "law: {name: sliding_mode}", "9 to 15 m/s over the ground"),
         ("law: {kappa: 1}", "the autopilot holds the speed over the ground; a target that moves so fast"),
     ],

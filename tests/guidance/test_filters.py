@@ -72,7 +72,7 @@ def test_drift_updates_as_the_matrix_equations_do_in_polar_coordinates(what):
         want = mean + step
         want[:2] = (r + along) * np.array([math.cos(bearing + swing), math.sin(bearing + swing)])
         if what == "range":
-            new = drift_gaussian.use_range(h, measure(mean) + error, 0.25, 9.0)
+            new, _ = drift_gaussian.use_range(h, measure(mean) + error, 0.25, 9.0)
         else:
             new = drift_gaussian.use_rate(h, measure(mean) + error, m, 0.25, 9.0)
         got, state = matrix(new)
@@ -83,7 +83,7 @@ def test_drift_updates_as_the_matrix_equations_do_in_polar_coordinates(what):
 
 def test_a_reading_beyond_the_gate_costs_and_does_not_move():
     h, _, _ = drift_hypothesis(np.random.default_rng(3))
-    hit = drift_gaussian.use_range(h, math.hypot(h.px, h.py) + 1e4, 1.0, 4.0)
+    hit, _ = drift_gaussian.use_range(h, math.hypot(h.px, h.py) + 1e4, 1.0, 4.0)
     assert hit[:-1] == h[:-1]
     assert hit.log_weight < h.log_weight - 7.9
 
@@ -227,6 +227,46 @@ def test_polar_knows_how_wrong_it_is():
         nees.append(error @ np.linalg.solve([[calm.prr, calm.prt], [calm.prt, calm.ptt]], error))
     assert_chi_square(nees, 2)
     assert_chi_square(nis, 1)
+
+
+def test_direct_knows_how_wrong_it_is():
+    """The same for direct: the polar form in complex numbers, its range rate driven by the white noise of the model."""
+    par = direct.parameters({}, CONTEXT)
+    V, dt = 15.0, 0.1
+    moved = Moved(dt, 1.5, 0.0, -0.019, V, -0.19, NAN)
+    noise = np.linalg.cholesky(par.q * np.array([[dt**3 / 3, dt**2 / 2], [dt**2 / 2, dt]]))
+    nees, nis = [], []
+    for seed in range(80):
+        rng = np.random.default_rng(seed)
+        r, r_dot = 80.0, 0.0
+        bank, mem = direct.begin(par), Memory()
+        for n in range(90):
+            if n > 0:
+                sight = r * np.exp(-1j * math.acos(-r_dot / V)) - moved.ahead  # target ahead and to the right
+                theta = moved.turn - np.angle(sight)
+                r, r_dot = np.array([abs(sight), -V * math.cos(theta)]) + noise @ rng.normal(size=2)
+                r_dot = min(max(r_dot, -0.95 * V), 0.95 * V)
+            mem = direct.observe(bank, mem, moved, Reading(r + rng.normal(), NAN, 1.0), par)
+            if n >= 45 and n % 3 == 0 and not math.isnan(mem.nis):
+                nis.append(mem.nis)
+        h = bank[direct.best_of(bank)]
+        error = np.array([h.r - r, h.r_dot - r_dot])
+        nees.append(error @ np.linalg.solve([[h.prr, h.prv], [h.prv, h.pvv]], error))
+    assert_chi_square(nees, 2)
+    assert_chi_square(nis, 1)
+
+
+def test_raw_claims_the_variance_of_its_reading_and_has_no_innovation():
+    kernels = ESTIMATORS["raw"]
+    par, rng = kernels.parameters({}, CONTEXT), np.random.default_rng(1)
+    bank, errors = kernels.begin(par), []
+    for _ in range(300):
+        mem = kernels.observe(
+            bank, Memory(), Moved(0.1, 1.5, 0.0, 0.0, 15.0, 0.0, NAN), Reading(80.0 + 2.0 * rng.normal(), NAN, 2.0), par
+        )
+        assert math.isnan(mem.nis)
+        errors.append((bank[0].r - 80.0) ** 2 / kernels.covariance(bank)[0])
+    assert_chi_square(errors, 1)
 
 
 @pytest.mark.parametrize("name", ["direct", "polar", "drift"])

@@ -167,3 +167,32 @@ def test_a_range_of_zero_is_flown_on_at_the_least_gain(name):
     par = law.parameters({"kappa": 1.0}, LawContext(10.0, 2.0, 1.0, 0.0))
     for r in (0.0, 1e-200, 3.0):
         assert law.turn_rate(Estimate(r=r, r_dot=0.5, V=2.0), par) == pytest.approx(-0.1 * 2.5)
+
+
+@pytest.mark.parametrize(
+    ("x", "psi", "period_s", "wind"),
+    [
+        (-1.2, 0.0, 0.5, 0.0),
+        (-1.2, 0.0, 1.0, 3.0),
+        (-1.2, 0.0, 1.0, 0.0),
+        (-1.5, -0.2, 1.0, 3.0),
+        (-1.5, -0.2, 0.5, 3.0),
+    ],
+)
+def test_mirror_images_that_lead_in_turns_do_not_lead_over_the_target(x, psi, period_s, wind):
+    """Seen in flight: the target said to lie on one side and then on the other, and the lag spent on changing sides."""
+    lag_s, dt, drift = 1.0, 0.01, (wind, 0.0)
+    par = LAWS["tangent"].parameters({}, context(lag_s=0.5 * lag_s))
+    x, y, u, least = x * R_A, 0.0, 0.0, math.inf
+    for n in range(3000):
+        seen = truth(x, y, psi, u, drift)
+        if int(n * dt / period_s) % 2:  # the same range and range rate: the target mirrored in the course
+            course = math.atan2(V * math.sin(psi) + drift[1], V * math.cos(psi) + drift[0])
+            bearing = 2.0 * course - math.atan2(seen.py, seen.px)
+            seen = seen._replace(px=seen.r * math.cos(bearing), py=seen.r * math.sin(bearing))
+        u += (LAWS["tangent"].turn_rate(seen, par) - u) * dt / lag_s
+        psi += u * dt
+        x += (V * math.cos(psi) + drift[0]) * dt
+        y += (V * math.sin(psi) + drift[1]) * dt
+        least = min(least, math.hypot(x, y))
+    assert least > 0.4 * R_A

@@ -118,6 +118,10 @@ class FakeArduPilot:
                 return 2
             self._interval[int(p[0])] = p[1] / 1e6
             return 0
+        if command == 512:
+            if int(p[0]) == 0:
+                self._heartbeat()
+            return 0
         if command == 176:
             if self.kind == COPTER and int(p[1]) == GUIDED[COPTER] and self.now_s < self.ekf_from_s:
                 return 4

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import random
 from typing import Any
 
 import pytest
@@ -244,20 +245,37 @@ def test_a_plane_that_takes_off_to_less_climbs_the_rest_once_engaged():
 
 
 @KINDS
-def test_one_that_has_restarted_and_streams_nothing_is_asked_again_and_never_flown_blind(kind):
+def test_a_link_that_loses_a_third_does_not_end_the_orbit(kind):
+    """HEARTBEAT alone tells the mode, once a second: three lost in a row are common, and were taken for silence."""
+    draw = random.Random(3)
+    rig = Rig(kind).engage()
+    take, receive = rig.vehicle.take, rig.vehicle.receive
+    rig.vehicle.take = lambda: [data for data in take() if draw.random() > 0.3]
+    rig.vehicle.receive = lambda data: receive(data) if draw.random() > 0.3 else None
+    rig.run(200.0)
+    assert rig.phase == "orbiting", (rig.phases, rig.flight.events)
+
+
+@KINDS
+def test_one_that_has_restarted_and_streams_nothing_is_asked_again(kind):
     rig = Rig(kind).run(6.0)
     assert rig.phase == "ready"
     rig.vehicle._interval.clear()
     begin = len(rig.ticks)
-    rig.run(2.6)
-    assert any(tick.phase != "ready" for tick in rig.ticks[begin:])
-    if rig.phase != "ready":
-        rig.vehicle.set_mode(GUIDED[kind])
-        rig.run(0.1)
-        assert rig.setpoints() == []
-        rig.vehicle.set_mode(LOITER[kind])
     rig.run(12.0)
+    assert any(tick.phase != "ready" for tick in rig.ticks[begin:])
     assert rig.phase == "ready", rig.flight.waiting_for
+
+
+@KINDS
+def test_one_that_has_restarted_and_streams_nothing_is_never_flown_blind(kind):
+    rig = Rig(kind).run(6.0)
+    rig.vehicle._interval.clear()
+    rig.vehicle.receive = lambda data: None
+    rig.run(3.0)
+    rig.vehicle.set_mode(GUIDED[kind])
+    rig.run(5.0)
+    assert rig.setpoints() == []
 
 
 def test_the_copter_waits_for_its_estimator():

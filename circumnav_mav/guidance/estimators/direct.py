@@ -129,9 +129,10 @@ def observe(bank: list[Side], mem: Memory, m: Moved, z: Reading, par: Parameters
     for i in range(2):
         bank[i] = predict(bank[i], m, par)
     h = bank[best_of(bank)]
-    nis = (z.r - h.r) ** 2 / (h.prr + variance)
+    error = z.r - h.r
+    nis = error * error / (h.prr + variance)
     if nis > par.gate**2:
-        mem = refuse(mem, z.r, m.dt, 2.0 * par.V, 2.0 * par.gate * sigma_r)
+        mem = refuse(mem, z.r, m.dt, 2.0 * par.V, 2.0 * par.gate * sigma_r, error)
         if mem.verdict == RESTARTED:
             seed(bank, z, par, variance)
         return mem
@@ -141,7 +142,7 @@ def observe(bank: list[Side], mem: Memory, m: Moved, z: Reading, par: Parameters
             bank[i] = correct(bank[i], z.r_dot - bank[i].r_dot, 0.0, 1.0, par.sigma_r_dot**2)
     settle(bank)
     known = 1.0 if bank[best_of(bank)].pvv < (0.4 * par.V) ** 2 else mem.known
-    return remember(mem, m.dt, nis, known, 0.0)
+    return remember(mem, m.dt, nis, known, 0.0, error)
 
 
 def carry(bank: list[Side], mem: Memory, m: Moved, par: Parameters) -> Estimate:

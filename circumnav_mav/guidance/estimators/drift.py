@@ -18,13 +18,12 @@ from circumnav_mav.guidance.estimators.drift_gaussian import (
     Parameters,
     again,
     gained,
-    normalised,
     predict,
     use_range,
     use_rate,
 )
 from circumnav_mav.guidance.estimators.gate import refuse, remember
-from circumnav_mav.guidance.estimators.ring import LIKELY, TWIN, best_of, prune, smoothed
+from circumnav_mav.guidance.estimators.ring import TWIN, best_of, judged, merge, prune, smoothed, unflown
 from circumnav_mav.guidance.kernel import (
     RESTARTED,
     Estimate,
@@ -107,30 +106,6 @@ def same(h: Drift, best: Drift) -> bool:
     return du * du + dv * dv < 0.25 * (best.uu + best.vv)
 
 
-def merge(bank: list[Drift]) -> None:
-    """Drop what has become the same as the best; where that is the leader, the best takes its place."""
-    best = best_of(bank)
-    for i in range(len(bank) - 1, 0, -1):
-        if i != best and same(bank[i], bank[best]):
-            bank.pop(i)
-            if i < best:
-                best -= 1
-    if best > 0 and same(bank[0], bank[best]):
-        bank[0] = bank.pop(best)
-
-
-def twin(bank: list[Drift]) -> None:
-    """Have each kind of air flown by one hypothesis at least."""
-    if len(bank) > 2 * len(STIRS):
-        return
-    for stir in STIRS:
-        flown = False
-        for h in bank:
-            flown = flown or h.stir == stir
-        if not flown:
-            bank.append(again(bank[0], stir, bank[0].log_weight - TWIN))
-
-
 def observe(bank: list[Drift], mem: Memory, m: Moved, z: Reading, par: Parameters) -> Memory:
     """Carry the bank to the reading, judge it and use it."""
     sigma_r = par.sigma_r if isnan(z.sigma_r) else z.sigma_r
@@ -144,33 +119,34 @@ def observe(bank: list[Drift], mem: Memory, m: Moved, z: Reading, par: Parameter
     for i in range(len(bank)):
         bank[i] = predict(bank[i], dx, dy, m.dt, par)
     split(bank)
-    least, best_nis, best = 1e300, 0.0, 0
-    top = bank[best_of(bank)].log_weight
-    for i in range(len(bank)):
-        nis = normalised(bank[i], z.r, variance)
-        if bank[i].log_weight > top - LIKELY and nis < least:
-            least = nis
-        if i == best:
-            best_nis = nis
+    used, nis = [], []
+    for h in bank:
+        after, n = use_range(h, z.r, variance, par.gate)
+        used.append(after)
+        nis.append(n)
+    least, leader = judged(bank, nis)
+    error = z.r - hypot(bank[0].px, bank[0].py)
     if least > par.gate**2:
-        mem = refuse(mem, z.r, m.dt, 2.0 * par.V, 2.0 * par.gate * sigma_r)
+        mem = refuse(mem, z.r, m.dt, 2.0 * par.V, 2.0 * par.gate * sigma_r, error)
         if mem.verdict == RESTARTED:
             seed(bank, z, par, variance)
         return mem
     for i in range(len(bank)):
-        bank[i] = use_range(bank[i], z.r, variance, par.gate)
-        if not isnan(z.r_dot):
-            bank[i] = use_rate(bank[i], z.r_dot, m, par.sigma_r_dot**2, par.gate)
+        bank[i] = used[i] if isnan(z.r_dot) else use_rate(used[i], z.r_dot, m, par.sigma_r_dot**2, par.gate)
     if len(bank) > len(STIRS):
-        merge(bank)
+        best, alike = bank[best_of(bank)], []
+        for h in bank:
+            alike.append(same(h, best))
+        merge(bank, alike)
     prune(bank)
-    twin(bank)
-    alarm = smoothed(mem.alarm, min(best_nis, par.gate**2))
+    for stir in unflown(bank, STIRS):
+        bank.append(again(bank[0], stir, bank[0].log_weight - TWIN))
+    alarm = smoothed(mem.alarm, min(leader, par.gate**2))
     h = bank[0]
     if alarm > par.alarm or hypot(h.wx, h.wy) > par.w_most or abs(h.s) > par.s_most:
         seed(bank, z, par, variance)
-        return Memory(mem.known, RESTARTED, best_nis, 1.0, nan, 0.0, 0.0)
-    return remember(mem, m.dt, best_nis, 1.0, alarm)
+        return Memory(mem.known, RESTARTED, leader, 1.0, nan, 0.0, 0.0, nan)
+    return remember(mem, m.dt, leader, 1.0, alarm, error)
 
 
 def carry(bank: list[Drift], mem: Memory, m: Moved, par: Parameters) -> Estimate:

@@ -138,16 +138,8 @@ def again(h: Drift, stir: float, log_weight: float) -> Drift:
     return Drift(px, py, wx, wy, s, xx, xy, xu, xv, xs, yy, yu, yv, ys, uu, uv, us, vv, vs, ss, stir, log_weight)
 
 
-def normalised(h: Drift, z: float, variance: float) -> float:
-    """Return the normalised innovation squared of a range."""
-    px, py = h.px, h.py
-    rr = max(px * px + py * py, 1e-6)
-    along = (px * px * h.xx + 2.0 * px * py * h.xy + py * py * h.yy) / rr
-    return (z - sqrt(rr)) ** 2 / (along + variance)
-
-
-def use_range(h: Drift, z: float, variance: float, gate: float) -> Drift:
-    """Return the hypothesis after a range; beyond the gate it only costs.
+def use_range(h: Drift, z: float, variance: float, gate: float) -> tuple[Drift, float]:
+    """Return the hypothesis after a range, and its normalised innovation squared; beyond the gate it only costs.
 
     `gained` for a measurement along the sight, written out: the ring's whole cost is this and `predict`.
     """
@@ -160,7 +152,7 @@ def use_range(h: Drift, z: float, variance: float, gate: float) -> Drift:
     nis = error * error * inv
     log_weight -= 0.5 * (min(nis, gate * gate) - log(inv))
     if nis > gate * gate:
-        return again(h, stir, log_weight)
+        return again(h, stir, log_weight), nis
     gu, gv, gs = c * xu + n * yu, c * xv + n * yv, c * xs + n * ys
     kx, ky, ku, kv, ks = gx * inv, gy * inv, gu * inv, gv * inv, gs * inv
     swing, longer = (c * ky - n * kx) * error / r, max(1.0 + along * inv * error / r, 0.0)
@@ -176,7 +168,7 @@ def use_range(h: Drift, z: float, variance: float, gate: float) -> Drift:
     c, n = cos(swing), sin(swing)
     a, b = c * xx - n * xy, c * xy - n * yy
     d, e = n * xx + c * xy, n * xy + c * yy
-    return Drift(
+    moved = Drift(
         longer * (c * px - n * py),
         longer * (n * px + c * py),
         wx + ku * error,
@@ -200,6 +192,7 @@ def use_range(h: Drift, z: float, variance: float, gate: float) -> Drift:
         stir,
         log_weight,
     )
+    return moved, nis
 
 
 def use_rate(h: Drift, z: float, m: Moved, variance: float, gate: float) -> Drift:

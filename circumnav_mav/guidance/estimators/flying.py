@@ -27,8 +27,6 @@ from circumnav_mav.types import RangeSample, Rejected
 TRAIL_S = 2.0
 """Samples older than this cannot be placed any more."""
 
-NOWHERE = Moved(0.0, 0.0, 0.0, 0.0, NAN, NAN, NAN)
-
 
 class FlyingEstimator:
     """Samples in at their own times, an estimate out at any tick. Always sees the real, unmirrored world.
@@ -65,16 +63,16 @@ class FlyingEstimator:
         place = self._trail.at(sample.t_s, motion)
         if place is None:
             return Rejected(sample.t_s, "too_old", f"more than {TRAIL_S:g} s before the last tick, or before the first")
-        moved = NOWHERE._replace(V=self._speed_m_s)
-        if self._anchor is not None:
-            if sample.t_s <= self._anchor.t_s:
-                return Rejected(sample.t_s, "out_of_order", "a later range was used before it")
+        if self._anchor is None:
+            moved = Moved(0.0, 0.0, 0.0, 0.0, self._speed_m_s, NAN, NAN)
+        elif sample.t_s > self._anchor.t_s:
             moved = self._trail.between(self._anchor, place, motion)
-            predicted = self._kernels.carry(self._bank, self._mem, moved, self._par)
-            self.noise.add(sample.range_m - predicted.r)
+        else:
+            return Rejected(sample.t_s, "out_of_order", "a later range was used before it")
         reading = Reading(sample.range_m, sample.range_rate_m_s, self.noise.sigma(sample.sigma_m))
         self._mem = self._kernels.observe(self._bank, self._mem, moved, reading, self._par)
         self._anchor = place
+        self.noise.add(self._mem.error)
         if self._mem.verdict == OUTLIER:
             return Rejected(sample.t_s, "outlier", f"{sample.range_m:.1f} m does not fit the ranges before it")
         if self._mem.verdict == RESTARTED:

@@ -15,21 +15,21 @@ VOTES = 5.0
 """Readings that must agree, net of those that do not, before the old belief falls."""
 
 
-def remember(mem: Memory, dt: float, nis: float, known: float, alarm: float) -> Memory:
+def remember(mem: Memory, dt: float, nis: float, known: float, alarm: float, error: float = NAN) -> Memory:
     """Return the memory after an accepted reading: it speaks against the rival."""
-    return Memory(known, ACCEPTED, nis, alarm, mem.rival_r, mem.rival_age + dt, max(0.0, mem.votes - 1.0))
+    return Memory(known, ACCEPTED, nis, alarm, mem.rival_r, mem.rival_age + dt, max(0.0, mem.votes - 1.0), error)
 
 
-def refuse(mem: Memory, r: float, dt: float, closing_speed: float, spread: float) -> Memory:
+def refuse(mem: Memory, r: float, dt: float, closing_speed: float, spread: float, error: float = NAN) -> Memory:
     """Return the memory after a reading that the gate refused; its verdict is RESTARTED when the rival has won.
 
     closing_speed: the fastest that range can change, m/s; spread: how far two honest readings may differ, m.
     """
     age = mem.rival_age + dt
     if mem.votes <= 0.0 or isnan(mem.rival_r):
-        return Memory(mem.known, OUTLIER, mem.nis, mem.alarm, r, 0.0, 1.0)
+        return Memory(mem.known, OUTLIER, mem.nis, mem.alarm, r, 0.0, 1.0, error)
     if abs(r - mem.rival_r) > closing_speed * age + spread:
-        return Memory(mem.known, OUTLIER, mem.nis, mem.alarm, mem.rival_r, age, mem.votes - 1.0)
+        return Memory(mem.known, OUTLIER, mem.nis, mem.alarm, mem.rival_r, age, mem.votes - 1.0, error)
     if mem.votes + 1.0 < VOTES:
-        return Memory(mem.known, OUTLIER, mem.nis, mem.alarm, r, 0.0, mem.votes + 1.0)
-    return Memory(mem.known, RESTARTED, NAN, 0.0, NAN, 0.0, 0.0)
+        return Memory(mem.known, OUTLIER, mem.nis, mem.alarm, r, 0.0, mem.votes + 1.0, error)
+    return Memory(mem.known, RESTARTED, NAN, 0.0, NAN, 0.0, 0.0, NAN)

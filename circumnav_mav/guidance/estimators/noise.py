@@ -6,6 +6,7 @@ leaves in them; an outlier stands in two of them, so that their lower quartile b
 
 from __future__ import annotations
 
+from bisect import bisect_left, insort
 from collections import deque
 from math import isnan, nan, sqrt
 
@@ -23,7 +24,8 @@ class NoiseMeter:
     """Measures the noise of ranges. sigma_m: as measured, m; NaN while too few were heard."""
 
     def __init__(self) -> None:
-        self._differences: deque[float] = deque(maxlen=WINDOW)
+        self._differences: deque[float] = deque()
+        self._ordered: list[float] = []  # the same, by size
         self._last = nan
         self._noisier = False
         self.sigma_m = nan
@@ -31,11 +33,17 @@ class NoiseMeter:
     def add(self, innovation_m: float) -> None:
         """Take in a measured range minus the predicted one, used or not; NaN where nothing was predicted."""
         if not isnan(innovation_m - self._last):
-            self._differences.append(abs(innovation_m - self._last))
-            if len(self._differences) >= ENOUGH:
-                ordered = sorted(self._differences)
-                self.sigma_m = ordered[(len(ordered) - 1) // 4] / (QUARTILE_OF_NORMAL * sqrt(2.0))
+            self._put(abs(innovation_m - self._last))
+            if len(self._ordered) >= ENOUGH:
+                self.sigma_m = self._ordered[(len(self._ordered) - 1) // 4] / (QUARTILE_OF_NORMAL * sqrt(2.0))
         self._last = innovation_m
+
+    def _put(self, difference_m: float) -> None:
+        """Take a difference in and the oldest out; in order always, because sorting costs as much as a filter."""
+        self._differences.append(difference_m)
+        insort(self._ordered, difference_m)
+        if len(self._differences) > WINDOW:
+            del self._ordered[bisect_left(self._ordered, self._differences.popleft())]
 
     def restart(self) -> None:
         """The belief was replaced: the next innovation has nothing to do with the last."""

@@ -13,7 +13,16 @@ from math import atan2, cos, hypot, isnan, nan, pi, sin
 from typing import NamedTuple
 
 from circumnav_mav.guidance.estimators.gate import refuse, remember
-from circumnav_mav.guidance.estimators.ring import LIKELY, TWIN, best_of, log_likelihood, prune, smoothed
+from circumnav_mav.guidance.estimators.ring import (
+    TWIN,
+    best_of,
+    judged,
+    log_likelihood,
+    merge,
+    prune,
+    smoothed,
+    unflown,
+)
 from circumnav_mav.guidance.kernel import (
     RESTARTED,
     Estimate,
@@ -55,40 +64,57 @@ class Polar(NamedTuple):
 
 def predict(h: Polar, m: Moved, par: Parameters) -> Polar:
     """Return the hypothesis after a motion of the vehicle."""
-    x, y = h.r * cos(h.theta) - m.ahead, -h.r * sin(h.theta) - m.left
-    r, phi = hypot(x, y), atan2(y, x) + h.theta  # phi: how far the line of sight swung
-    c, s = cos(phi), sin(phi)
+    r0, theta, prr, prt, ptt, stir, log_weight = h
+    c0, s0 = cos(theta), sin(theta)
+    x, y = r0 * c0 - m.ahead, -r0 * s0 - m.left
+    r = max(hypot(x, y), 1e-3)
+    c, s = (x * c0 - y * s0) / r, (y * c0 + x * s0) / r  # of the angle that the line of sight swung
     # dr' = c dr - r0 s dtheta;  dtheta' = (s dr + r0 c dtheta) / r'
-    a, b, d, e = c, -h.r * s, s / max(r, 1e-3), h.r * c / max(r, 1e-3)
-    prr, prt, ptt = h.prr, h.prt, h.ptt
+    b, d, e = -r0 * s, s / r, r0 * c / r
+    grr, grt, gtr, gtt = c * prr + b * prt, c * prt + b * ptt, d * prr + e * prt, d * prt + e * ptt
     return Polar(
         r,
-        (h.theta - phi + m.turn + pi) % (2.0 * pi) - pi,
-        a * a * prr + 2.0 * a * b * prt + b * b * ptt + h.stir * par.q_r * m.dt,
-        a * d * prr + (a * e + b * d) * prt + b * e * ptt,
-        d * d * prr + 2.0 * d * e * prt + e * e * ptt + h.stir * par.q_theta * m.dt,
-        h.stir,
-        h.log_weight,
-    )
-
-
-def correct(h: Polar, error: float, a: float, b: float, variance: float, gate: float) -> Polar:
-    """Return the update by the innovation `error` of the measurement a r + b theta; beyond the gate it only costs."""
-    gr, gt = a * h.prr + b * h.prt, a * h.prt + b * h.ptt
-    s = a * gr + b * gt + variance
-    nis = error * error / s
-    log_weight = h.log_weight + log_likelihood(nis, s, gate)
-    if nis > gate * gate:
-        return Polar(h.r, h.theta, h.prr, h.prt, h.ptt, h.stir, log_weight)
-    return Polar(
-        h.r + gr / s * error,
-        h.theta + gt / s * error,
-        h.prr - gr * gr / s,
-        h.prt - gr * gt / s,
-        h.ptt - gt * gt / s,
-        h.stir,
+        (m.turn - atan2(y, x) + pi) % (2.0 * pi) - pi,
+        c * grr + b * grt + stir * par.q_r * m.dt,
+        d * grr + e * grt,
+        d * gtr + e * gtt + stir * par.q_theta * m.dt,
+        stir,
         log_weight,
     )
+
+
+def use_range(h: Polar, z: float, variance: float, gate: float) -> tuple[Polar, float]:
+    """Return the hypothesis after a range, and its normalised innovation squared; beyond the gate it only costs."""
+    r, theta, prr, prt, ptt, stir, log_weight = h
+    error, s = z - r, prr + variance
+    nis = error * error / s
+    log_weight += log_likelihood(nis, s, gate)
+    if nis > gate * gate:
+        return Polar(r, theta, prr, prt, ptt, stir, log_weight), nis
+    kr, kt = prr / s, prt / s
+    return (
+        Polar(r + kr * error, theta + kt * error, prr - kr * prr, prt - kr * prt, ptt - kt * prt, stir, log_weight),
+        nis,
+    )
+
+
+def use_rate(h: Polar, z: float, V: float, variance: float, gate: float) -> Polar:
+    """Return the hypothesis after a range rate -V cos(theta)."""
+    r, theta, prr, prt, ptt, stir, log_weight = h
+    error, slope = z + V * cos(theta), V * sin(theta)
+    gr, gt = slope * prt, slope * ptt
+    s = slope * gt + variance
+    nis = error * error / s
+    log_weight += log_likelihood(nis, s, gate)
+    if nis > gate * gate:
+        return Polar(r, theta, prr, prt, ptt, stir, log_weight)
+    kr, kt = gr / s, gt / s
+    return Polar(r + kr * error, theta + kt * error, prr - kr * gr, prt - kr * gt, ptt - kt * gt, stir, log_weight)
+
+
+def again(h: Polar, stir: float, log_weight: float) -> Polar:
+    """Return the hypothesis with another noise and weight."""
+    return Polar(h.r, h.theta, h.prr, h.prt, h.ptt, stir, log_weight)
 
 
 def begin(par: Parameters) -> list[Polar]:
@@ -112,31 +138,6 @@ def same(h: Polar, best: Polar) -> bool:
     return h.stir == best.stir and turn * turn < best.ptt and (h.r - best.r) ** 2 < best.prr
 
 
-def merge(bank: list[Polar]) -> None:
-    """Drop what has become the same as the best; where that is the leader, the best takes its place."""
-    best = best_of(bank)
-    for i in range(len(bank) - 1, 0, -1):
-        if i != best and same(bank[i], bank[best]):
-            bank.pop(i)
-            if i < best:
-                best -= 1
-    if best > 0 and same(bank[0], bank[best]):
-        bank[0] = bank.pop(best)
-
-
-def twin(bank: list[Polar]) -> None:
-    """Have each kind of air flown by one hypothesis at least."""
-    if len(bank) > 2 * len(STIRS):
-        return
-    for stir in STIRS:
-        flown = False
-        for h in bank:
-            flown = flown or h.stir == stir
-        if not flown:
-            h = bank[0]
-            bank.append(Polar(h.r, h.theta, h.prr, h.prt, h.ptt, stir, h.log_weight - TWIN))
-
-
 def observe(bank: list[Polar], mem: Memory, m: Moved, z: Reading, par: Parameters) -> Memory:
     """Carry the bank to the reading, judge it and use it."""
     sigma_r = par.sigma_r if isnan(z.sigma_r) else z.sigma_r
@@ -144,36 +145,35 @@ def observe(bank: list[Polar], mem: Memory, m: Moved, z: Reading, par: Parameter
     if len(bank) == 0:
         seed(bank, z, par, variance)
         return remember(mem, m.dt, nan, 0.0, 1.0)
-    least, best_nis, best = 1e300, 0.0, 0
-    top = bank[best_of(bank)].log_weight
+    used, nis = [], []
     for i in range(len(bank)):
-        h = bank[i] = predict(bank[i], m, par)
-        nis = (z.r - h.r) ** 2 / (h.prr + variance)
-        if h.log_weight > top - LIKELY and nis < least:
-            least = nis
-        if i == best:
-            best_nis = nis
+        bank[i] = predict(bank[i], m, par)
+        h, n = use_range(bank[i], z.r, variance, par.gate)
+        used.append(h)
+        nis.append(n)
+    least, leader = judged(bank, nis)
+    error = z.r - bank[0].r
     if least > par.gate**2:
-        mem = refuse(mem, z.r, m.dt, 2.0 * par.V, 2.0 * par.gate * sigma_r)
+        mem = refuse(mem, z.r, m.dt, 2.0 * par.V, 2.0 * par.gate * sigma_r, error)
         if mem.verdict == RESTARTED:
             seed(bank, z, par, variance)
         return mem
     for i in range(len(bank)):
-        bank[i] = correct(bank[i], z.r - bank[i].r, 1.0, 0.0, variance, par.gate)
-        if not isnan(z.r_dot):
-            h = bank[i]
-            error = z.r_dot + m.V * cos(h.theta)
-            bank[i] = correct(h, error, 0.0, m.V * sin(h.theta), par.sigma_r_dot**2, par.gate)
+        bank[i] = used[i] if isnan(z.r_dot) else use_rate(used[i], z.r_dot, m.V, par.sigma_r_dot**2, par.gate)
     if len(bank) > len(STIRS):
-        merge(bank)
+        best, alike = bank[best_of(bank)], []
+        for h in bank:
+            alike.append(same(h, best))
+        merge(bank, alike)
     prune(bank)
-    twin(bank)
-    alarm = smoothed(mem.alarm, min(best_nis, par.gate**2))
+    for stir in unflown(bank, STIRS):
+        bank.append(again(bank[0], stir, bank[0].log_weight - TWIN))
+    alarm = smoothed(mem.alarm, min(leader, par.gate**2))
     if alarm > par.alarm:
         seed(bank, z, par, variance)
-        return Memory(mem.known, RESTARTED, best_nis, 1.0, nan, 0.0, 0.0)
+        return Memory(mem.known, RESTARTED, leader, 1.0, nan, 0.0, 0.0, nan)
     known = 1.0 if bank[0].ptt < 0.25 else mem.known
-    return remember(mem, m.dt, best_nis, known, alarm)
+    return remember(mem, m.dt, leader, known, alarm, error)
 
 
 def carry(bank: list[Polar], mem: Memory, m: Moved, par: Parameters) -> Estimate:

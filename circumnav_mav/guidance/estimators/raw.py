@@ -32,8 +32,9 @@ def observe(bank: list[Last], mem: Memory, m: Moved, z: Reading, par: Parameters
     r_dot = z.r_dot
     if isnan(r_dot) and m.dt > 0.0:
         r_dot = (z.r - bank[0].r) / m.dt
+    error = z.r - bank[0].r
     bank[0] = Last(z.r, r_dot, par.sigma_r**2 if isnan(z.sigma_r) else z.sigma_r**2)
-    return remember(mem, m.dt, nan, 0.0 if isnan(r_dot) else 1.0, 0.0)
+    return remember(mem, m.dt, nan, 0.0 if isnan(r_dot) else 1.0, 0.0, error)
 
 
 def carry(bank: list[Last], mem: Memory, m: Moved, par: Parameters) -> Estimate:

@@ -27,6 +27,9 @@ ROOM = 0.8
 LONG_TURN, HALF_TURN = 1.0, 2.6
 """Heading errors, rad, above which the side of the turn is chosen, and above which the turn under way decides it."""
 
+UNDER_WAY = 0.2
+"""Share of the turn-rate limit from which on a turn counts as under way."""
+
 
 class Parameters(NamedTuple):
     r_a: float  # orbit radius, m
@@ -85,12 +88,24 @@ def turned(error: float, est: Estimate, par: Parameters) -> float:
     """
     other = error - 2.0 * pi if error > 0.0 else error + 2.0 * pi
     under_way = est.u / par.limit if error > 0.0 else -est.u / par.limit
-    if abs(error) > HALF_TURN and under_way < -0.2:
+    if abs(error) > HALF_TURN and under_way < -UNDER_WAY:
         error, other, under_way = other, error, -under_way
     short = least_range(est, error, par)
     if short < par.r_min * (1.25 - 0.25 * under_way) and short < est.r and least_range(est, other, par) > short:
         return other
     return error
+
+
+def held(vx: float, vy: float, est: Estimate, par: Parameters) -> bool:
+    """Return whether the turn under way is held, whichever side the target is now said to lie on.
+
+    Inside the circle and on a course that would pass the target within r_min: judged by range and range rate, which all
+    hypotheses share. While two of them, mirror images in the course, take the lead in turns, every change of sides
+    would take the lag back that the last one has paid, and the vehicle would fly straight on to the target.
+    """
+    ahead, across = est.px * vx + est.py * vy, est.px * vy - est.py * vx
+    inwards = est.r < par.r_a and ahead > 0.0 and abs(across) < par.r_min * hypot(vx, vy)
+    return inwards and abs(est.u) > UNDER_WAY * par.limit
 
 
 def turn_rate(est: Estimate, par: Parameters) -> float:
@@ -103,6 +118,8 @@ def turn_rate(est: Estimate, par: Parameters) -> float:
         error = turned(error, est, par)
     h = max(par.lag, 0.1)
     vx, vy = est.V * cos(est.psi) + est.wx, est.V * sin(est.psi) + est.wy
+    if held(vx, vy, est, par):
+        return par.limit if est.u > 0.0 else -par.limit
     _, later = heading(est.px - vx * h, est.py - vy * h, est.psi + est.u * h, est, par)
     calm = exp(-4.0 * error * error)  # far from its heading the vehicle does not follow the field: no preview
     u = rate + par.gain * error + calm * par.lag * ((later - rate) / h + par.gain * (rate - est.u))

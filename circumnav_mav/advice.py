@@ -1,0 +1,78 @@
+"""Which estimator suits a vehicle, and what the chosen one means for the gain: part of `circumnav check`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from math import sqrt
+
+from circumnav_mav.config import Config
+from circumnav_mav.guidance import sampling
+from circumnav_mav.guidance.estimators import ESTIMATORS
+from circumnav_mav.guidance.kernel import EstimatorContext
+from circumnav_mav.guidance.verdict import Finding
+from circumnav_mav.ranging import SOURCES
+
+SUITS = {
+    "air": (
+        "drift",
+        "it drifts with the wind, and only drift with law tangent knows the wind",
+    ),
+    "believed": (
+        "drift",
+        "it drifts with the wind and cannot measure its speed: drift with law tangent finds both",
+    ),
+    "ground": (
+        "direct",
+        "the autopilot holds the ground speed against the wind, so that range, speed and turn rate are enough; for a "
+        "beacon that moves, or to see it on the map, drift with law tangent",
+    ),
+}
+"""The estimator for each of VehicleClass.speed, and why."""
+
+
+def suits(config: Config) -> Iterator[Finding]:
+    """Yield which estimator suits the vehicle class: a warning where the chosen one does not know what it must."""
+    kind = config.vehicle_class
+    best, why = SUITS[kind.speed]
+    chosen = config.estimator.name
+    text = f"{best} suits {kind.name}: {why}"
+    unfit = chosen == "raw" or (best == "drift" and chosen != "drift")
+    yield Finding("warning" if unfit else "info", "estimator", text + (f" (chosen: {chosen})" if unfit else ""))
+    banded = config.orbit.r_min_m is not None or config.orbit.r_max_m is not None
+    if banded and best == "drift" and chosen != "drift":
+        text = "orbit.r_min_m and r_max_m hold in wind below a tenth of the speed only: estimator drift counts it in"
+        yield Finding("warning", "estimator", text)
+
+
+def rate_of_ranges(config: Config, kappa: float, lag_s: float) -> Iterator[Finding]:
+    """Yield how the rate of ranges and the filter bound the gain of the paper's law.
+
+    No sensor's rate is configured: the slowest that counts as fresh is one range in ranging.max_age_s.
+    """
+    orbit, slowest_s = config.orbit, config.ranging.max_age_s
+    r_a, V = orbit.radius_m, orbit.speed_m_s
+    if config.estimator.name == "raw":
+        measured = SOURCES[config.ranging.source].has_rate
+        bears_s = sampling.slowest_period_s(r_a, kappa, V, lag_s, measured)
+        most = sampling.largest_kappa(r_a, V, lag_s + sampling.held_s(slowest_s, measured))
+        text = (
+            f"raw holds a rate between ranges: kappa {kappa:.3g} bears them {max(bears_s, 0.0):.3g} s apart at most; "
+            f"{slowest_s:.3g} s apart (ranging.max_age_s), only kappa below {most:.3g}"
+        )
+        yield Finding("warning" if bears_s < slowest_s else "info", "range_rate", text)
+        return
+    text = (
+        f"{config.estimator.name} carries ranges on by the turn that was flown: however seldom they come, they add "
+        "nothing to the lag of the loop"
+    )
+    if config.estimator.name != "direct":
+        yield Finding("info", "range_rate", text)
+        return
+    context = EstimatorContext(r_a, V, config.turn_rate_limit_rad_s)
+    noise = ESTIMATORS["direct"].parameters(config.estimator.options, context).q
+    late_s = sampling.filter_lag_s(config.ranging.sigma_m, sqrt(noise), slowest_s)
+    most = sampling.kappa_of_use(r_a, V, late_s)
+    text += (
+        f"; one in {slowest_s:.3g} s follows wind {late_s:.2g} s late, and kappa above {most:.3g} gains nothing then"
+    )
+    yield Finding("warning" if kappa > most else "info", "range_rate", text)
