@@ -134,7 +134,7 @@ ROWS: dict[str, Row] = {
     ),
     "app held up": Row(lambda rig, patch: rig.freeze(0.7), 0.0, None, "the loop was held up", "held", flies_on=True),
     "estimate not finite": Row(not_finite, 0.1, HOLD, "no range, and no estimate to carry"),
-    "estimator diverged": Row(moved_beacon, 30.0, HOLD, "the ranges outvoted the estimate 3 times", for_s=35.0),
+    "estimator diverged": Row(moved_beacon, 50.0, HOLD, "the ranges outvoted the estimate 5 times", for_s=55.0),
     "height lost": Row(lambda rig, patch: silence(rig, HEIGHT), 3.7, HOLD, "no height from the autopilot for 3."),
     "height lost, told only": Row(
         lambda rig, patch: silence(rig, HEIGHT),
@@ -226,10 +226,14 @@ def test_row(name, monkeypatch):
     else:
         first_s = min(t for t, _ in mode_requests(rig, began_s))
         assert first_s <= began_s + row.within_s
-        steered = [m for t, m in rig.setpoints(first_s + 1e-6) if m.vx or m.vy or m.yaw_rate]
+        steered = [
+            m
+            for t, m in rig.setpoints(first_s + 1e-6)
+            if m.get_type() == "SET_ATTITUDE_TARGET" or m.vx or m.vy or m.yaw_rate
+        ]
         assert not [m for m in steered if rig.stub.truth().mode == "OFFBOARD"]
     said = [*texts(rig, began_s), *(e.text for e in rig.flight.events if e.t_s >= began_s - 1e-9)]
-    assert any(row.reads in text for text in said), said
+    assert not row.reads or any(row.reads in text for text in said), said
     if row.asks is not None or row.control == "released":
         assert any(row.reads in text for text in texts(rig, began_s)), "the ground station was not told"
     if name != "autopilot restarted":
@@ -266,7 +270,8 @@ def test_what_a_setpoint_is_made_of_is_lost(app, world, lost, within_s, reads, a
     began_s = rig.now_s
     silence(rig, (lost,))
     rig.run(6.0)
-    assert last_setpoint_s(rig) <= began_s + within_s
+    late = [tick for tick in rig.log.sent(began_s + within_s + 1e-6) if tick.control != "not held"]
+    assert late == [], "not before it is given back, and what is missed has come again"
     said = texts(rig, began_s)
     assert any(reads in text and "no setpoint can be made" in text for text in said), said
     assert not any("no setpoint for" in text for text in said), "that is the effect, not the cause"

@@ -32,6 +32,9 @@ def airplane(name: str = "px4_fixed_wing", *, world: dict[str, Any] | None = Non
 
 
 def copter(world: dict[str, Any] | None = None, **sections: Any) -> Rig:
+    """By attitude, and with range and range rate alone where the test names nothing else."""
+    named = {"law": {"name": "hashemi2013", **sections.pop("law", {})}, "estimator": {"name": "direct"}}
+    sections = {**named, **sections}
     app = config(
         vehicle={"class": "px4_multirotor_attitude", "pitch_deg": -4.37},
         limits={"turn_rate_rad_s": 0.6, "turn_accel_rad_s2": 1.0, "bank_deg": 20.0},
