@@ -202,7 +202,7 @@ class AutopilotLink:
         due += [self._command(command) for command in self.commands.poll(now_s)]
         if self.authority.seen() is Seen.NOTHING and not now_s < self._ask_mode_next_s:
             due += self._ask_mode(now_s)  # the last answer may have been lost
-        elif now_s - self.autopilot.mode_s > OVERDUE_S and not now_s < self._ask_mode_next_s:
+        elif self._mode_overdue(now_s) and not now_s < self._ask_mode_next_s:
             self._ask_mode_next_s = now_s + ASK_OVERDUE_S
             due.append(self._request_mode())
         due += [self._mode(request) for request in requests]
@@ -243,6 +243,11 @@ class AutopilotLink:
         self._asked_s[token] = now_s
         dated = self._packer.pack("TIMESYNC", tc1=0, ts1=token)
         return [dated, self._request_mode()]
+
+    def _mode_overdue(self, now_s: float) -> bool:
+        """Whether the autopilot speaks, but has not told its mode when it should have."""
+        ap = self.autopilot
+        return now_s - ap.mode_s > OVERDUE_S and now_s - ap.heard_s.get("ATTITUDE", nan) < OVERDUE_S / 2
 
     def _request_mode(self) -> bytes:
         request = (float(by_name("CURRENT_MODE" if self.words.tells_intention else "HEARTBEAT").msgid),)

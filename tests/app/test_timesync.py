@@ -204,7 +204,7 @@ class LateRanges(Wire):
 
 def late_flight(stamped_by: str, seed: int) -> tuple[float, float]:
     """A plane in wind whose radio takes 0.4 s and up to 0.09 s more; return rms of orbit error and of the place [m]."""
-    world = {"airframe": "fixed_wing", "start_speed_m_s": 12.0, "height_m": 100.0, "airspeed_scale": 0.972}
+    world = {"airframe": "fixed_wing", "start_speed_m_s": 12.0, "height_m": 100.0}
     radio = {"range_latency_s": 0.4, "range_sigma_m": 0.5}
     rig = Rig(
         config(vehicle={"class": "px4_fixed_wing"}, ranging={"sigma_m": 0.5, "stamped_by": stamped_by}),

@@ -198,7 +198,7 @@ def test_in_flight_the_vehicle_turns_away_before_r_min():
 
 def test_the_record_shows_the_laws_own_turn_rate_and_each_thing_that_was_taken_from_it():
     """Against the limits of the configuration: a law past its limit, a jump, a barrier, each flagged and no other."""
-    app = {"orbit": {"radius_m": 40.0, "r_min_m": 30.0}}
+    app = {"orbit": {"radius_m": 40.0, "r_min_m": 30.0}, "limits": {"turn_rate_rad_s": 0.4}}
     rig = Rig(config(**app), airborne(38.0, bearing_rad=0.0, seed=2, range_sigma_m=0.05)).engage()
     rig.run(40.0)
     limits, counted = rig.config.limits, LimitedTicks()
