@@ -28,6 +28,9 @@ STUCK_S = 3.0
 DOUBT_SHARE = 0.25
 """The share of max_age_s above which an age that stays is blamed on the device's clock."""
 
+STANDING_AFTER = 3
+"""So many different ranges with one and the same stamp show that it is none."""
+
 FINE_RESOLUTION_M = 0.002
 """At or below this step, noise alone changes the range of any radio; a coarser one may honestly stand still."""
 
@@ -64,6 +67,8 @@ class _Receiver:
         self._gate = Gate(self._limits)
         self._clock = StampClock(DOUBT_SHARE * settings.max_age_s)
         self._shared = SharedClock()
+        self._stamp_s = self._stamped_m = NAN
+        self._standing = 0
         self.flown: Channel | None = None
         """The channel that is flown on, once a range was accepted."""
 
@@ -136,10 +141,21 @@ class _Receiver:
     def _measured_at(self, sender: tuple[int, int] | None, reading: Reading, now_s: float) -> float:
         if not (self._settings.use_stamps and math.isfinite(reading.stamp_s)):
             return now_s - self._settings.latency_s
+        if self._stands(reading):
+            return now_s - self._settings.latency_s
         by_line_s = self._clock.to_ours(reading.stamp_s, now_s)
         clock = self._clock_of(sender, now_s)
         by_clock_s = None if clock is None else self._shared.to_ours(reading.stamp_s, now_s, clock)
         return (by_line_s if by_clock_s is None else by_clock_s) - self._settings.latency_s
+
+    def _stands(self, reading: Reading) -> bool:
+        """Whether the stamp stays the same while the range changes: some senders fill in any number."""
+        if reading.stamp_s != self._stamp_s:
+            self._stamp_s, self._standing = reading.stamp_s, 0
+        elif reading.range_m != self._stamped_m:
+            self._standing += 1
+        self._stamped_m = reading.range_m
+        return self._standing >= STANDING_AFTER
 
     def _clock_of(self, sender: tuple[int, int] | None, now_s: float) -> ClockOffset | None:
         """Return the clock that stamps, where somebody knows it."""

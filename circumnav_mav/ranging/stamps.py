@@ -57,7 +57,7 @@ class StampClock:
         """How much in all of these [s]."""
         self._slots: deque[tuple[float, float]] = deque()  # (when, least difference) of each slot, oldest first
         self._slot_began_s = -math.inf
-        self._rate = 0.0
+        self._rate = self._too_slow = 0.0
         self._base_s = math.inf
 
     @property
@@ -70,6 +70,11 @@ class StampClock:
         """What is wrong with the clock, for people; empty where nothing is."""
         if self.doubts:
             return f"the ranging device's clock lost {self.lost_s:.2f} s against ours (or its link got slower to stay)"
+        if self._too_slow:
+            runs = (
+                f"the ranging device's clock runs at {1.0 - self._too_slow:.2f} of ours, or its link gets ever slower"
+            )
+            return f"{runs}: its ranges count as old; with a simulator that is slow, set ranging.use_stamps: false"
         if self._rate:
             return f"the ranging device's clock runs at {1.0 - self._rate:.3f} of ours (or its link gets ever slower)"
         return ""
@@ -119,6 +124,8 @@ class StampClock:
         slope = slope_below(slots)
         if self._rate or slope * (slots[-1][0] - slots[0][0]) >= NOTICE_S:
             self._rate = slope if 0.0 < slope <= MOST_RATE else 0.0
+        if slope > MOST_RATE:
+            self._too_slow = slope
 
     def _forget(self, kept: list[tuple[float, float]]) -> None:
         self._slots = deque(kept)

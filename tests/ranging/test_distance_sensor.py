@@ -213,3 +213,22 @@ def test_a_recorded_height_above_ground_is_a_decoy_whoever_forwards_it():
     assert reason(receiver().on_message(5, 1, recorded, 30.0)) == "wrong_source"
     assert reason(receiver().on_message(5, 158, recorded, 30.0)) == "decoy_orientation"
     assert reason(receiver(from_=[5, 158]).on_message(5, 158, recorded, 30.0)) == "decoy_orientation"
+
+
+def test_a_stamp_that_never_changes_is_none():
+    """A sender that fills in any number: after a few ranges they are flown on as they come."""
+    ranging = receiver()
+    results = [
+        ranging.on_message(*COMPANION, frame(time_boot_ms=123, current_distance=1000 + n), 7.0 + 0.1 * n)
+        for n in range(40)
+    ]
+    used = [isinstance(result, RangeSample) for result in results]
+    assert all(used[5:])
+    assert [result.t_s for result in results[5:]] == pytest.approx([7.0 + 0.1 * n for n in range(5, 40)])
+
+
+def test_one_range_sent_again_and_again_with_its_stamp_stays_one_range():
+    ranging = receiver()
+    results = [ranging.on_message(*COMPANION, frame(time_boot_ms=123), 7.0 + 0.1 * n) for n in range(10)]
+    assert isinstance(results[0], RangeSample)
+    assert {reason(result) for result in results[1:]} == {"duplicate"}

@@ -50,3 +50,17 @@ def test_a_simulator_that_paused_is_circled_on():
     assert rig.log.ticks[-1].phase == "orbiting"
     assert rig.flight.ranges.counts.rejected.get("stale", 0) <= 20
     assert len(clock_words(rig)) == 1
+
+
+def test_a_clock_too_slow_to_be_followed_is_said_with_what_to_do():
+    rig = flown(0.85, 0.0)
+    assert len(words := clock_words(rig)) == 1
+    assert "at 0.85 of ours" in words[0] and "ranging.use_stamps: false" in words[0]
+
+
+def test_without_stamps_it_is_circled_on():
+    rig = SlowRig(config(ranging={"use_stamps": False}), airborne(80.0, seed=3, height_m=40.0)).engage()
+    rig.rate = 0.85
+    rig.run(100.0)
+    assert rig.log.ticks[-1].phase == "orbiting"
+    assert rig.log.furthest_m(20.0) < 3.0
