@@ -11,10 +11,10 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable
 from math import inf, isfinite, nan
-from typing import NamedTuple
 
 from circumnav_mav.config import Config, guidance_settings
 from circumnav_mav.config_defaults import told
+from circumnav_mav.flight_record import TickRecord
 from circumnav_mav.guidance.computer import Decision, GuidanceComputer, Status
 from circumnav_mav.guidance.kernel import Motion
 from circumnav_mav.guidance.phases import ENGAGED, Phase
@@ -22,7 +22,6 @@ from circumnav_mav.guidance.target import Target, latitude_longitude, locate
 from circumnav_mav.lookout import Lookout
 from circumnav_mav.mavlink.autopilot import VehicleState
 from circumnav_mav.mavlink.codec import Frame
-from circumnav_mav.mavlink.dialect import enums
 from circumnav_mav.mavlink.engage import AutoEngage, Step
 from circumnav_mav.mavlink.link import AutopilotLink
 from circumnav_mav.mavlink.offboard import Control
@@ -30,6 +29,7 @@ from circumnav_mav.mavlink.signing import Signer
 from circumnav_mav.mavlink.vehicles import VEHICLES
 from circumnav_mav.mavlink.vehicles.believed import BelievedSpeed
 from circumnav_mav.mavlink.vehicles.fitness import Fitness, Unfit
+from circumnav_mav.notices import INFO, WARNING, Event, Notices
 from circumnav_mav.range_feed import RangeFeed
 from circumnav_mav.ranging import MessageReceiver
 from circumnav_mav.types import RangeSample, Rejected
@@ -37,7 +37,6 @@ from circumnav_mav.types import RangeSample, Rejected
 VEHICLE, RANGING = "vehicle", "ranging"
 """Names of the two links. Ranges come on the first unless ranging.endpoint opens the second."""
 
-WARNING, INFO = 4, 6
 MOVING_M_S = 1.0
 MAP_S = 1.0
 """A ground station takes the circle off its map three seconds after the last message."""
@@ -50,65 +49,6 @@ TEXT_SEVERITY = {Phase.RELEASED: WARNING, Phase.RANGE_LOST: WARNING, Phase.BROKE
 """MAV_SEVERITY of what a phase says; INFO for the others."""
 UNFIT_TOLD_AFTER_S = 4.0
 """Streams take a moment to begin after they are asked for."""
-
-
-class TickRecord(NamedTuple):
-    """One line of the flight record. Seconds are flight seconds but lateness_s, which is on the wall."""
-
-    t_s: float
-    phase: str
-    control: str
-    mode: str
-    r_m: float  # estimated horizontal range
-    r_dot_m_s: float
-    range_m: float  # newest range as measured, used or not
-    sample_age_s: float  # of the newest range that was used
-    turn_rate_wanted_rad_s: float  # by the law, + counter-clockwise
-    turn_rate_sent_rad_s: float  # NaN: nothing sent
-    turn_rate_flown_rad_s: float  # measured
-    speed_m_s: float
-    speed_source: str
-    height_m: float
-    target_east_m: float  # of the vehicle, estimated; NaN where the estimator or the heading is missing
-    target_north_m: float
-    target_sigma_m: float  # root of the sum of both variances
-    drift_east_m_s: float  # wind minus the target's velocity
-    drift_north_m_s: float
-    drift_sigma_m_s: float
-    target_lat_deg: float  # NaN while the autopilot shows no position
-    target_lon_deg: float
-    saturated: int  # 1: the law wanted more than the turn-rate limit
-    slewed: int  # 1: and a faster change than the turn-acceleration limit
-    barrier: int  # 1: its turn rate was changed, to stay within r_min and r_max
-    rejected: int  # ranges rejected so far
-    lateness_s: float
-    missed_ticks: int
-
-
-class LimitedTicks:
-    """Counts the engaged ticks in which something was taken from the law's turn rate, for the live view."""
-
-    def __init__(self) -> None:
-        self._engaged = 0
-        self._counts: Counter[str] = Counter()
-
-    def count(self, tick: TickRecord) -> None:
-        """Take in one tick."""
-        if tick.phase in ENGAGED:
-            self._engaged += 1
-            self._counts.update({"saturated": tick.saturated, "slewed": tick.slewed, "barrier": tick.barrier})
-
-    def words(self) -> str:
-        """Return the shares of the engaged ticks; empty before the first."""
-        return ", ".join(f"{name} {count / self._engaged:.1%}" for name, count in self._counts.items())
-
-
-class Event(NamedTuple):
-    """Something a person should read."""
-
-    t_s: float
-    text: str
-    severity: int
 
 
 class Flight:
@@ -130,8 +70,8 @@ class Flight:
             receiver.clocks = self.link.time.offset
         self.computer = GuidanceComputer(guidance_settings(config))
         self.lookout = Lookout(config, self.link.autopilot, self.computer)
-        self._encoder = vehicle.encoder(config.encoder_options())
         options = config.encoder_options()
+        self._encoder = vehicle.encoder(options)
         self._believed = BelievedSpeed(options.speed_m_s, options.pitch_rad) if vehicle.speed == "believed" else None
         self._fitness = Fitness(vehicle, VEHICLES.values())
         self.unfit: Unfit | None = None
@@ -139,7 +79,9 @@ class Flight:
         self._auto: AutoEngage | None = None
         if config.engage == "auto" and vehicle.take_off is not None:
             self._auto = AutoEngage(self.link, vehicle.take_off, config.orbit.height_m or nan)
-        self.events: list[Event] = [Event(0.0, f"{heading}: {words}", INFO) for heading, words in told(config)]
+        self.notices = Notices(self.link, lambda frames: self._frames.extend(frames))
+        for heading, words in told(config):
+            self.notices.tell(0.0, f"{heading}: {words}", INFO)
         self.rejected: Counter[str] = Counter()
         self.engaged_s = nan
         self.end_reason = ""
@@ -154,18 +96,20 @@ class Flight:
         self._invited = False
         self._latch_commands = 0
         self._phase = self.computer.phase
-        self._failures_told = 0
         self._unfit_since_s = nan
         self._unfit_told = ""
         self._ticked_s = nan
         self.was_stopped = False
         """Whether the process was stopped since the last tick began."""
         self._frames: list[bytes] = []
-        self._signing_told = self._noise_told = self._strangers_told = False
-        self._clock_told = False
         self._overhead_next_s = nan
         self._r_m = nan
         self._end_action = "hold"
+
+    @property
+    def events(self) -> list[Event]:
+        """What a person should read, oldest first."""
+        return self.notices.events
 
     # -- bytes in ---------------------------------------------------------------------------------------------------
 
@@ -180,9 +124,8 @@ class Flight:
             results = [] if self.ranges.own_link else self.ranges.on_messages(messages, now_s)
         for result in results:
             self._on_range(result, now_s)
-        if not self._clock_told and (words := self.ranges.receiver.clock_words):
-            self._clock_told = True
-            self._tell(now_s, words, WARNING)
+        if (words := self.ranges.receiver.clock_words) and self.notices.once("clock"):
+            self.notices.tell(now_s, words, WARNING)
         return frames
 
     def _on_range(self, result: RangeSample | Rejected, now_s: float) -> None:
@@ -198,7 +141,7 @@ class Flight:
             result = rejected
             if rejected.reason == "overhead" and not now_s < self._overhead_next_s:
                 self._overhead_next_s = now_s + OVERHEAD_S
-                self._say(now_s, f"near overhead, where a range tells nothing: {rejected.detail}", INFO)
+                self.notices.say(now_s, f"near overhead, where a range tells nothing: {rejected.detail}", INFO)
         self._count(result)
 
     def _moving(self) -> bool:
@@ -230,7 +173,7 @@ class Flight:
             return now_s
         now_s = take_in()
         self.was_stopped = False
-        self._say(now_s, "the loop was held up: no setpoint before a fresh mode message", WARNING)
+        self.notices.say(now_s, "the loop was held up: no setpoint before a fresh mode message", WARNING)
         self._frames += self.link.after_gap(now_s)
         return now_s
 
@@ -260,16 +203,15 @@ class Flight:
         self._invite(now_s)
         self._show_target(now_s, decision)
         self._frames += link.poll(now_s) + link.read_parameters(now_s)
-        self._tell_failures(now_s)
-        self._tell_signing(now_s)
-        self._tell_noise(now_s)
+        self.notices.watch_link(now_s)
+        self._watch_noise(now_s)
         # In the order in which they were packed: a receiver of signed frames refuses one that is overtaken.
         frames, self._frames = self._frames, []
         return frames, self._record(now_s, decision, lateness_s, missed_ticks)
 
     def link_lost(self, link: str, now_s: float, words: str) -> None:
         """A link broke. On the vehicle's, nothing is sent or believed until a mode message newer than the break."""
-        self._tell(now_s, f"{link} link lost: {words}", WARNING)
+        self.notices.tell(now_s, f"{link} link lost: {words}", WARNING)
         if link != VEHICLE:
             return
         authority = self.link.authority
@@ -279,7 +221,7 @@ class Flight:
 
     def link_back(self, link: str, now_s: float, words: str) -> None:
         """A link is open again. On the vehicle's the next tick asks for the mode, and sends no setpoint before it."""
-        self._tell(now_s, f"{link} link: {words}", INFO)
+        self.notices.tell(now_s, f"{link} link: {words}", INFO)
         if link != VEHICLE:
             return
         self._frames.clear()  # what was to be said over the link that broke
@@ -289,15 +231,15 @@ class Flight:
 
     def tell(self, now_s: float, text: str) -> None:
         """Let the operator read something that only the runtime knows."""
-        self._tell(now_s, text, WARNING)
+        self.notices.tell(now_s, text, WARNING)
 
     def _look_out(self, now_s: float) -> None:
         """Walk the table of causes that end a flight."""
         news, restarted = self.lookout.look(now_s, self._r_m, self._blind)
         if restarted:
-            self._say(now_s, "the ranges outvoted the estimate, which starts again", INFO)
+            self.notices.say(now_s, "the ranges outvoted the estimate, which starts again", INFO)
         for trip in news:
-            self._say(now_s, f"{trip.text}: {trip.action.replace('_', ' ')}", WARNING)
+            self.notices.say(now_s, f"{trip.text}: {trip.action.replace('_', ' ')}", WARNING)
         if (trip_now := self.lookout.trip) is not None and trip_now.ends:
             self.end(trip_now.text, trip_now.action)
 
@@ -366,13 +308,7 @@ class Flight:
                 self._unfit_since_s = now_s
             if now_s - self._unfit_since_s > UNFIT_TOLD_AFTER_S and self.unfit.text != self._unfit_told:
                 self._unfit_told = self.unfit.text
-                self._say(now_s, self.unfit.text, WARNING)
-        if ap.only is None and ap.strangers and not self._strangers_told:
-            self._strangers_told = True
-            others = ", ".join(f"system {n}" for n in sorted(ap.strangers))
-            self._say(
-                now_s, f"{others} is another autopilot; system {ap.sysid} is flown: set vehicle.system_id", WARNING
-            )
+                self.notices.say(now_s, self.unfit.text, WARNING)
         left_to_pilot = self._auto is None or self._auto.step is Step.LEFT_TO_PILOT
         if self.computer.phase is Phase.READY and left_to_pilot:
             self.link.authority.ready(now_s)
@@ -385,7 +321,9 @@ class Flight:
             return
         if streams or not (self.words.stream_first or self.link.authority.grounded):
             self._invited = True
-            self._say(now_s, f"ready: {'streaming, ' if streams else ''}select {self.words.ours_name} to engage", INFO)
+            self.notices.say(
+                now_s, f"ready: {'streaming, ' if streams else ''}select {self.words.ours_name} to engage", INFO
+            )
 
     def _follow_operator(self, now_s: float) -> None:
         authority = self.link.authority
@@ -395,7 +333,9 @@ class Flight:
             self._latch_commands = self.link.latch_commands
             opened = authority.open_latch()
             self._frames.append(self.link.answer_latch(opened))
-            self._say(now_s, "latch opened" if opened else "latch kept: no settled mode", INFO if opened else WARNING)
+            self.notices.say(
+                now_s, "latch opened" if opened else "latch kept: no settled mode", INFO if opened else WARNING
+            )
 
     def _on_phase(self, now_s: float, decision: Decision) -> None:
         phase = decision.phase
@@ -411,7 +351,7 @@ class Flight:
             for command in self._encoder.engaged(self.link.autopilot.state(now_s), self.computer.hold_height_m):
                 self.link.commands.add(command)
         self._invited = False
-        self._say(now_s, f"{phase}: {decision.reason}", TEXT_SEVERITY.get(phase, INFO))
+        self.notices.say(now_s, f"{phase}: {decision.reason}", TEXT_SEVERITY.get(phase, INFO))
 
     def _hand_over(self, now_s: float, phase: Phase) -> None:
         """Give back what is held without a range or against a cause to break off: every time, not only the first."""
@@ -423,36 +363,14 @@ class Flight:
             trip = self.lookout.trip
             action, why = (trip.action, trip.text) if trip is not None else (action, self.computer.reason)
         if phase is self._phase:
-            self._say(now_s, f"{phase}: engaged again: {why}: {action}", WARNING)
+            self.notices.say(now_s, f"{phase}: engaged again: {why}: {action}", WARNING)
         self.link.authority.give_back(self.words.hand_over(action), now_s, f"{why}: {action}")
 
-    def _say(self, now_s: float, text: str, severity: int) -> None:
-        """Tell the log, the terminal and the ground station."""
-        self._tell(now_s, text, severity)
-        if self.link.autopilot.sysid is not None:
-            self._frames += self.link.statustext(f"circumnav {text}", severity)
-
-    def _tell(self, now_s: float, text: str, severity: int) -> None:
-        self.events.append(Event(now_s, text, severity))
-
-    def _tell_failures(self, now_s: float) -> None:
-        failures = self.link.commands.failures
-        for failure in failures[self._failures_told :]:
-            if failure.command.command != enums.MAV_CMD_SET_MESSAGE_INTERVAL:  # an autopilot may lack a stream
-                self._tell(now_s, str(failure), WARNING)
-        self._failures_told = len(failures)
-
-    def _tell_signing(self, now_s: float) -> None:
-        if self.link.signs_at_us and not self._signing_told:
-            self._signing_told = True
-            self._tell(now_s, "the autopilot signs its messages: without vehicle.signing_key_file it obeys nothing", 4)
-
-    def _tell_noise(self, now_s: float) -> None:
+    def _watch_noise(self, now_s: float) -> None:
         noise, expected_m = self.computer.estimator.noise, self._config.ranging.sigma_m
-        if not self._noise_told and noise.noisier(expected_m):
-            self._noise_told = True
+        if noise.noisier(expected_m) and self.notices.once("noise"):
             words = f"ranges are noisier than ranging.sigma_m = {expected_m:g} m: about {noise.sigma_m:.1f} m"
-            self._tell(now_s, f"{words}, which is flown on", INFO)
+            self.notices.tell(now_s, f"{words}, which is flown on", INFO)
 
     def _show_target(self, now_s: float, decision: Decision) -> None:
         """Locate the target; once a second show it to ground stations, with the orbit on the map while it is flown."""

@@ -14,7 +14,8 @@ from typing import Any
 from pymavlink.dialects.v20 import all as mavlink
 
 from circumnav_mav.config import Config
-from circumnav_mav.flight import Flight, TickRecord
+from circumnav_mav.flight import Flight
+from circumnav_mav.flight_record import TickRecord
 from circumnav_mav.guidance.phases import ENGAGED
 from sitl_stub import Stub, StubConfig, Truth
 

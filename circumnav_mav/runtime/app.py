@@ -14,7 +14,8 @@ from typing import Any
 
 from circumnav_mav.config import Config
 from circumnav_mav.endpoint import parse
-from circumnav_mav.flight import RANGING, VEHICLE, Flight, LimitedTicks, TickRecord
+from circumnav_mav.flight import RANGING, VEHICLE, Flight
+from circumnav_mav.flight_record import LimitedTicks, TickRecord
 from circumnav_mav.guidance.phases import ENGAGED, Phase
 from circumnav_mav.guidance.target import describe, describe_drift
 from circumnav_mav.runtime.clock import Clock, run_on_grid

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from circumnav_mav import report
 from circumnav_mav.config import Config
-from circumnav_mav.flight import TickRecord
+from circumnav_mav.flight_record import TickRecord
 from circumnav_mav.guidance.phases import Phase
 from circumnav_mav.runtime.app import App, Options, Result
 from circumnav_mav.runtime.clock import Clock, new_event_loop

@@ -8,7 +8,8 @@ from collections.abc import Callable
 from typing import Any
 
 from circumnav_mav.config import Config
-from circumnav_mav.flight import RANGING, TickRecord
+from circumnav_mav.flight import RANGING
+from circumnav_mav.flight_record import TickRecord
 from sitl_stub import StubConfig
 from tests.lockstep import Rig, airborne
 

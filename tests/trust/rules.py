@@ -8,7 +8,7 @@ from typing import Any
 from pymavlink.dialects.v20 import all as mavlink
 
 from circumnav_mav.config import Config
-from circumnav_mav.flight import TickRecord
+from circumnav_mav.flight_record import TickRecord
 from tests.lockstep import ENGAGED_NAMES, Rig
 from tests.trust.setpoint_rules import JUDGES
 

@@ -8,7 +8,7 @@ import random
 
 import pytest
 
-from circumnav_mav.flight import LimitedTicks
+from circumnav_mav.flight_record import LimitedTicks
 from circumnav_mav.guidance.barrier import Band, Drift, ahead, farthest, margin_m, nearest, walk, within
 from circumnav_mav.guidance.kernel import Estimate
 from tests.lockstep import ENGAGED_NAMES, Rig, airborne, config
@@ -196,11 +196,11 @@ def test_in_flight_the_vehicle_turns_away_before_r_min():
     assert log.phases[-1] == "orbiting", "the barrier kept the law from its orbit"
 
 
-BAND = {"orbit": {"radius_m": 40.0, "r_min_m": 30.0}}
+KEPT = {"orbit": {"radius_m": 40.0, "r_min_m": 30.0}}
 EAGER = {"orbit": {"radius_m": 40.0}, "law": {"kappa": 8.0}, "limits": {"turn_rate_rad_s": 0.4}}
 
 
-@pytest.mark.parametrize(("app", "reached"), [(BAND, {"slewed", "barrier"}), (EAGER, {"slewed", "saturated"})])
+@pytest.mark.parametrize(("app", "reached"), [(KEPT, {"slewed", "barrier"}), (EAGER, {"slewed", "saturated"})])
 def test_the_record_shows_the_laws_own_turn_rate_and_each_thing_that_was_taken_from_it(app, reached):
     """Against the limits of the configuration: a law past its limit, a jump, a barrier, each flagged and no other."""
     rig = Rig(config(**app), airborne(38.0, bearing_rad=0.0, seed=2, range_sigma_m=0.05)).engage()

@@ -9,7 +9,8 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
-from circumnav_mav.flight import Flight, TickRecord
+from circumnav_mav.flight import Flight
+from circumnav_mav.flight_record import TickRecord
 from tests.lockstep import config
 from tests.trust.rules import beyond_talk
 from tests.vehicles.ardupilot import COPTER, GUIDED, PLANE, STEP_S, FakeArduPilot
