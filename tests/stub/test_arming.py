@@ -8,7 +8,7 @@ import struct
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
-from tests.stub.rig import HERE, Rig, first_time, flying
+from tests.stub.rig import HERE, HOLD, OFFBOARD, Rig, first_time, flying
 
 AMSL_M = 489.4
 INT32, REAL32 = 6, 9
@@ -45,6 +45,30 @@ def test_arming_is_refused_before_ready() -> None:
     rig.run(3.0)
     assert rig.command(400, 1) == [1]
     rig.run(5.0)
+    assert rig.command(400, 1) == [0]
+
+
+@pytest.mark.parametrize("mode", [0x00010000, 0x00020000, 0x00030000, 0x00050000, 0x00070000])
+def test_arming_in_a_stick_mode_needs_sticks(mode: int) -> None:
+    rig = ready()
+    assert rig.set_mode(mode) == [0, 0]  # disarmed, nothing is refused
+    assert rig.command(400, 1) == [1]
+    assert "Arming denied: Resolve system health failures first\t" in "".join(rig.texts())
+    rig.send(mavlink.MAVLink_manual_control_message(1, 0, 0, 500, 0, 0))
+    assert rig.command(400, 1) == [0]
+    assert rig.stub.truth().armed
+
+
+def test_arming_without_a_position_needs_a_mode_that_does_without() -> None:
+    rig = ready(gps=False, streams=(1,))
+    for mode in (HOLD, 0x02040000, 0x05040000):
+        assert rig.set_mode(mode) == [0, 0]
+        assert rig.command(400, 1) == [1]
+    assert not rig.all("SYS_STATUS")[-1].onboard_control_sensors_health & mavlink.MAV_SYS_STATUS_PREARM_CHECK
+    assert "Arming denied: Resolve system health failures first\t" in "".join(rig.texts())
+    rig.streaming = lambda _: rig.attitude(0.0, 0.0, 0.0, 0.0)
+    rig.run(0.1)
+    assert rig.set_mode(OFFBOARD) == [0, 0]
     assert rig.command(400, 1) == [0]
 
 
