@@ -268,3 +268,40 @@ def test_reposition_holds_somewhere_else(airframe: str, within_m: float) -> None
     north_m = 9000e-7 * math.radians(6371000.0) + (0.0 if airframe == "multirotor" else 12.0)
     assert math.hypot(truth.north_m - north_m, truth.east_m) < within_m
     assert truth.height_m == pytest.approx(55.0, abs=2.0)
+
+
+def test_reposition_without_the_flag_to_change_mode_does_nothing() -> None:
+    rig = flying()
+    rig.enter_offboard(lambda _: rig.local(velocity=(3.0, 0.0, 0.0)))
+    for flags in (0, 2, HERE):
+        assert rig.command(192, -1, flags, 0, HERE, 47.4, 8.55, AMSL_M + 55.0) == [3]
+    rig.run(1.0)
+    assert rig.mode == "OFFBOARD"
+    assert rig.command(17) == [0]
+    rig.run(10.0)
+    assert rig.stub.truth().height_m == pytest.approx(30.0, abs=0.5)
+
+
+@pytest.mark.parametrize(
+    ("refused", "mode", "again"),
+    [
+        ((192, -1, 1, 0, HERE, HERE, HERE, AMSL_M + 55.0), "AUTO/LOITER", (17,)),
+        ((22, 0, 0, 0, HERE, HERE, HERE, AMSL_M + 55.0), "AUTO/TAKEOFF", (176, 1, 4, 2)),
+    ],
+    ids=["reposition", "takeoff"],
+)
+def test_the_target_of_a_refused_command_is_forgotten(refused: tuple[float, ...], mode: str, again: tuple[int, ...]):
+    """Refused for want of a position; with the position back, the mode alone must not go there."""
+    rig = flying(faults=("1-3 no-gps",))
+    rig.streaming = lambda _: rig.attitude(0.0, 0.0, 0.0, 0.489)
+    rig.run(0.3)
+    rig.set_mode(OFFBOARD)
+    rig.run(1.0)
+    assert rig.command(*refused) == [1]
+    assert rig.mode == "OFFBOARD"
+    rig.run(2.0)
+    height_m = rig.stub.truth().height_m
+    assert rig.command(*again)[-1] == 0
+    assert rig.mode == mode
+    rig.run(20.0)
+    assert rig.stub.truth().height_m == pytest.approx(height_m, abs=3.0)  # MIS_TAKEOFF_ALT is 2.5 m
