@@ -147,13 +147,13 @@ def _wrong_numbers(c: StubConfig) -> Iterator[str]:
             yield f"{f.name} {value!r} is not a {'whole ' * whole}number"
         elif not least <= float(value) <= most:  # NaN is never within
             yield f"{f.name} {value} is not within {least:g}..{most:g}"
-    for name, value in _items(c.params):
+    params: object = c.params
+    if not isinstance(params, Mapping):
+        yield f"params {params!r} is not a mapping of parameters' names to numbers"
+        return
+    for name, value in params.items():
         if not isinstance(name, str) or isinstance(value, bool) or not isinstance(value, Real):
             yield f"params: {name!r}: {value!r} is not a parameter's name and a number"
-
-
-def _items(params: object) -> list[tuple[object, object]]:
-    return list(params.items()) if isinstance(params, Mapping) else [("params", params)]
 
 
 def _wrong_words(c: StubConfig) -> Iterator[str]:
@@ -170,8 +170,12 @@ def _wrong_words(c: StubConfig) -> Iterator[str]:
 
 
 def _wrong_windows(c: StubConfig) -> Iterator[str]:
-    for window in c.range_dropouts_s:
-        if len(window) != 2 or not window[0] <= window[1]:
+    windows: object = c.range_dropouts_s
+    if not isinstance(windows, tuple | list):
+        yield f"range_dropouts_s {windows!r} is not a tuple of (from, to) in seconds"
+        windows = ()
+    for window in windows:
+        if not _is_window(window):
             yield f"dropout {window} is not (from, to) in seconds with from before to"
     if not c.device and c.range_message != "distance_sensor" and c.range_beacon_id > 255:
         yield f"range_beacon_id {c.range_beacon_id} is not within 0..255, which is all that {c.range_message} carries"
@@ -180,6 +184,14 @@ def _wrong_windows(c: StubConfig) -> Iterator[str]:
             DEVICES[c.device](c.range_beacon_id)
         except ValueError as error:
             yield str(error)
+
+
+def _is_window(window: object) -> bool:
+    if not isinstance(window, tuple | list) or len(window) != 2:
+        return False
+    if not all(isinstance(end, Real) and not isinstance(end, bool) for end in window):
+        return False
+    return bool(window[0] <= window[1])  # NaN never is
 
 
 def _wrong_parameters(c: StubConfig) -> Iterator[str]:
@@ -196,8 +208,14 @@ def _wrong_lines(c: StubConfig) -> Iterator[str]:
     if isinstance(lines, str):
         yield "faults is one line: write a tuple of lines"
         return
+    if not isinstance(lines, tuple | list):
+        yield f"faults {lines!r} is not a tuple of lines"
+        return
     known = Parameters(c.airframe == "fixed_wing")
-    for line in c.faults:
+    for line in lines:
+        if not isinstance(line, str):
+            yield f"fault {line!r} is not a line of text"
+            continue
         try:
             fault = parse(line)
             if fault.kind == "param":
