@@ -7,12 +7,13 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, fields
 from numbers import Integral, Real
 
-from sitl_stub.devices import DEVICES
-from sitl_stub.faults import FAR_M, WIND_MOST_M_S, assigned, parse
+from sitl_stub.devices import DEVICES, WITH_ID
+from sitl_stub.faults import FAR_M, WIND_MOST_M_S, Fault, assigned, parse
 from sitl_stub.params import Parameters
 
 AIRFRAMES = ("multirotor", "fixed_wing")
 RANGE_MESSAGES = ("distance_sensor", "ranging_beacon", "landing_target")
+INTEGER_RANGES = ("distance_sensor", "ranging_beacon")  # messages without a place for NaN
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -220,5 +221,23 @@ def _wrong_lines(c: StubConfig) -> Iterator[str]:
             fault = parse(line)
             if fault.kind == "param":
                 known.check(*assigned(fault))
+            if why := _cannot_act(c, fault):
+                yield f"fault {line!r} cannot act: {why}"
         except ValueError as error:
             yield str(error) if repr(line) in str(error) else f"fault {line!r}: {error}"
+
+
+def _cannot_act(c: StubConfig, fault: Fault) -> str:
+    """Return why a fault of the ranges would change nothing, or nothing that can be sent; "" if it acts."""
+    if not fault.kind.startswith("range-"):
+        return ""
+    if not c.radio:
+        return "there is no radio on board (radio=False)"
+    format_ = c.device or c.range_message
+    if fault.kind == "range-orientation" and format_ != "distance_sensor":
+        return f"{format_} carries no orientation"
+    if fault.kind == "range-id" and c.device and c.device not in WITH_ID:
+        return f"{format_} carries no id"
+    if fault.kind == "range-value" and math.isnan(float(fault.words[0])) and format_ in INTEGER_RANGES:
+        return f"{format_} carries a whole number, never NaN; range-invalid is its way to have no range"
+    return ""

@@ -11,12 +11,12 @@ from sitl_stub import happenings, protocol, wire
 from sitl_stub.autopilot import Autopilot
 from sitl_stub.commands import MODE_LEAST_S
 from sitl_stub.config import StubConfig
-from sitl_stub.devices import DEVICES
+from sitl_stub.devices import DEVICES, RangeToBytes
 from sitl_stub.faults import Fault, Timeline
 from sitl_stub.foreign import ForeignVehicle
 from sitl_stub.link import Link
 from sitl_stub.rates import FIXED_WING_HZ, GCS_HZ, ONBOARD_HZ
-from sitl_stub.sensors import DISTANCE_SENSOR, Radio, distance_fields
+from sitl_stub.sensors import DISTANCE_SENSOR, Measurement, Radio, RadioFaults, distance_fields
 from sitl_stub.signing import Signer
 from sitl_stub.streams import BUILDERS, CONDITIONS, CURRENT_MODE, HEARTBEAT
 from sitl_stub.truth import Truth, truth_of
@@ -234,9 +234,8 @@ class Stub:
         link = self.links[c.range_link]
         for measurement in radio.step(t_s, lambda: self.world.range_and_rate(t_s, self.autopilot.vehicle)):
             if self._device is not None:
-                self._device_bytes.append(
-                    self._device.encode(measurement.range_m, measurement.rate_m_s, measurement.t_s)
-                )
+                if report := self._report(self._device, radio.faults, measurement):
+                    self._device_bytes.append(report)
                 continue
             msgid, fields = radio.message(measurement)
             link.send(msgid, wire.pack(msgid, fields), sysid, c.range_compid)
@@ -246,6 +245,11 @@ class Stub:
             self._next_radio_heartbeat_s += 1.0
             if self._device is None:
                 link.send(HEARTBEAT, wire.pack(HEARTBEAT, RADIO_HEARTBEAT), sysid, c.range_compid)
+
+    def _report(self, device: RangeToBytes, faults: RadioFaults, m: Measurement) -> bytes:
+        if faults.sensor_id is not None:
+            device = DEVICES[self.config.device](faults.sensor_id)
+        return device.encode(math.nan if faults.invalid else m.range_m, m.rate_m_s, m.t_s)
 
     def _send_texts(self) -> None:
         texts, self.autopilot.commander.texts = self.autopilot.commander.texts, []
