@@ -11,6 +11,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from sitl_stub import __version__
+from sitl_stub.combinations import given, idle
 from sitl_stub.config import StubConfig
 from sitl_stub.options import parser
 from sitl_stub.server import Endpoint, Pty, Server, TruthLog
@@ -19,7 +20,10 @@ from sitl_stub.stub import Stub
 
 def main(argv: list[str] | None = None) -> int:
     """Run the stub until it is stopped; return the exit code."""
-    arguments = parser().parse_args(argv)
+    options = parser()
+    arguments = options.parse_args(argv)
+    for line in idle(arguments, given(options, argv)):
+        options.error(line)
     try:
         config = _config(arguments)
         stub = Stub(config)

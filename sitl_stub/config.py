@@ -180,6 +180,12 @@ def _wrong_windows(c: StubConfig) -> Iterator[str]:
             yield f"dropout {window} is not (from, to) in seconds with from before to"
     if not c.device and c.range_message != "distance_sensor" and c.range_beacon_id > 255:
         yield f"range_beacon_id {c.range_beacon_id} is not within 0..255, which is all that {c.range_message} carries"
+    if c.start_speed_m_s > 0.0 and c.start_height_m == 0.0:
+        yield f"start_speed_m_s {c.start_speed_m_s} is that of an airborne start, and start_height_m is 0"
+    if c.device and not c.radio:
+        yield f"device {c.device!r} is the radio, and radio=False leaves none on board"
+    if c.device and c.range_link == "ranging":
+        yield f"range_link 'ranging' is for messages, and device {c.device!r} sends none"
     if c.device:
         try:
             DEVICES[c.device](c.range_beacon_id)

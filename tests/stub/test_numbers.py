@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import os
 import random
+import shlex
 import struct
 import subprocess
 import sys
@@ -15,9 +16,12 @@ import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
 from sitl_stub import Stub, StubConfig
+from sitl_stub.__main__ import main
+from sitl_stub.combinations import given, idle
 from sitl_stub.config import BOUNDS
 from sitl_stub.faults import FAULTS, parse
 from sitl_stub.modes import Mode
+from sitl_stub.options import parser
 from sitl_stub.params import INT32, REAL32, Parameters
 from tests.stub.rig import OFFBOARD, Rig, flying
 
@@ -65,6 +69,9 @@ def test_every_number_is_in_the_table() -> None:
         ({"range_dropouts_s": (("a", "b"),)}, "dropout ('a', 'b') is not (from, to)"),
         ({"range_dropouts_s": ("ab",)}, "dropout ab is not (from, to)"),
         ({"faults": "5 reboot"}, "faults is one line"),
+        ({"start_speed_m_s": 5.0}, "start_speed_m_s 5.0 is that of an airborne start"),
+        ({"device": "linktrack", "radio": False}, "radio=False leaves none on board"),
+        ({"device": "linktrack", "range_link": "ranging"}, "range_link 'ranging' is for messages"),
         ({"faults": None}, "faults None is not a tuple of lines"),
         ({"faults": 5}, "faults 5 is not a tuple of lines"),
         ({"faults": (5,)}, "fault 5 is not a line of text"),
@@ -365,6 +372,47 @@ def test_a_wrong_number_on_the_command_line_is_one_line(arguments: list[str], wo
     assert done.returncode == 2
     assert done.stderr.count("\n") == 1, done.stderr
     assert words in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ("--no-radio --device linktrack", "--no-radio leaves no radio on board: leave out --device"),
+        ("--no-radio --rate 5 --dropout 1:2", "--no-radio leaves no radio on board: leave out --rate, --dropout"),
+        ("--device linktrack --ranging-port 5000", "--device linktrack sends bytes and no messages: leave out --rang"),
+        ("--device us_d1 --sensor-id 7", "leave out --sensor-id"),
+        ("--device us_d1 --beacon-id 1", "--beacon-id does nothing: us_d1 carries none"),
+        ("--beacon-id 2", "--beacon-id does nothing: distance_sensor carries none"),
+        ("--device-port 5000", "add --device NAME"),
+        ("--start-speed 5", "add --airborne HEIGHT"),
+        ("--range-message landing_target --sensor-id 7", "carries neither: leave out --sensor-id"),
+        ("--range-message ranging_beacon --orientation 0", "carries neither: leave out --orientation"),
+        ("--outlier-mean 20", "add --outliers SHARE"),
+        ("--sign ''", "--sign needs a passphrase"),
+    ],
+)
+def test_an_option_that_would_do_nothing_is_one_line(line: str, words: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(shlex.split(line))
+    error = capsys.readouterr().err
+    assert ended.value.code == 2
+    assert error.count("\n") == 1, error
+    assert words in error
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "",
+        "--no-radio --airborne 30 --start-speed 0 --sign secret",
+        "--device linktrack --device-port 5000 --beacon-id 3 --rate 20 --outliers 0.1 --outlier-mean 20",
+        "--range-message landing_target --beacon-id 3 --ranging-port 5000 --range-from 1,25",
+        "--sensor-id 9 --orientation 12 --dropout 1:2 --dropout 4:5",
+    ],
+)
+def test_options_that_act_together_are_taken(line: str) -> None:
+    words = shlex.split(line)
+    assert [*idle(parser().parse_args(words), given(parser(), words))] == []
 
 
 # -- faults that overlap -------------------------------------------------------------------------------------------
