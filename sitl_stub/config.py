@@ -206,6 +206,8 @@ def _wrong_parameters(c: StubConfig) -> Iterator[str]:
     for name, value in c.params.items():
         try:
             known.check(name, value)
+            if name == "MAV_SYS_ID" and value != c.system_id:
+                yield f"parameter MAV_SYS_ID cannot be {value}: it is system_id, {c.system_id}; set that instead"
         except ValueError as error:
             yield str(error)
 
@@ -227,6 +229,8 @@ def _wrong_lines(c: StubConfig) -> Iterator[str]:
             fault = parse(line)
             if fault.kind == "param":
                 known.check(*assigned(fault))
+                if assigned(fault)[0] == "MAV_SYS_ID":
+                    raise ValueError("parameter MAV_SYS_ID is system_id, which stays as it is for a whole flight")
             if why := _cannot_act(c, fault):
                 yield f"fault {line!r} cannot act: {why}"
         except ValueError as error:

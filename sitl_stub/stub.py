@@ -44,6 +44,7 @@ class Stub:
         self._steps = 0
         self.world = World(c, c.step_s)
         self.autopilot = Autopilot(c, c.step_s)
+        self.autopilot.params.set("MAV_SYS_ID", c.system_id)
         self.radio = Radio(c) if c.radio else None
         self.links = self._make_links()
         self._vehicle_links = [self.links["offboard"], self.links["gcs"]]
@@ -133,6 +134,7 @@ class Stub:
         """Boot the autopilot: silent and deaf for REBOOT_S, then disarmed, with default streams and time from zero."""
         self._down_until_s = self.now_s + REBOOT_S
         self.autopilot.boot(self._down_until_s)
+        self.autopilot.params.set("MAV_SYS_ID", self.config.system_id)  # a PARAM_SET of another never acts
         self._later.clear()
         self._distances.clear()
         for link in self._vehicle_links:
