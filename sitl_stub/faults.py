@@ -86,11 +86,31 @@ MODES = {mode.name.lower(): mode for mode in Mode}
 # kind -> (whether it lasts, checks of its arguments, how the arguments are written, what it does)
 FAULTS: dict[str, tuple[bool, tuple[Callable[[str], None], ...], str, str]] = {
     "silence": (True, (), "", "no frame of the companion's link passes, either way"),
-    "drop": (True, (_DIRECTION, _share), "in|out SHARE", "a share of frames is lost on the way in or out"),
-    "delay": (True, (_DIRECTION, _within(0.0, _DELAY_MOST_S)), "in|out SECONDS", "every frame comes later"),
-    "duplicate": (True, (_DIRECTION, _share), "in|out SHARE", "a share of frames comes twice"),
-    "reorder": (True, (_DIRECTION, _share), "in|out SHARE", "a share of frames is overtaken by later ones"),
-    "corrupt": (True, (_DIRECTION, _share), "in|out SHARE", "a byte of a share of frames is wrong"),
+    "drop": (
+        True,
+        (_DIRECTION, _share),
+        "in|out SHARE",
+        "a share of the companion link's frames is lost on the way in or out",
+    ),
+    "delay": (
+        True,
+        (_DIRECTION, _within(0.0, _DELAY_MOST_S)),
+        "in|out SECONDS",
+        "every frame of the companion's link comes later",
+    ),
+    "duplicate": (True, (_DIRECTION, _share), "in|out SHARE", "a share of the companion link's frames comes twice"),
+    "reorder": (
+        True,
+        (_DIRECTION, _share),
+        "in|out SHARE",
+        "a share of the companion link's frames is overtaken by later ones",
+    ),
+    "corrupt": (
+        True,
+        (_DIRECTION, _share),
+        "in|out SHARE",
+        "a byte of a share of the companion link's frames is wrong",
+    ),
     "range-stop": (True, (), "", "the radio measures nothing"),
     "range-stick": (True, (), "", "the radio repeats its last range"),
     "range-add": (True, (_RANGE,), "METRES", "every range is wrong by so much"),
