@@ -11,16 +11,20 @@ from collections.abc import Callable
 from pathlib import Path
 
 from sitl_stub import __version__
+from sitl_stub.combinations import given, idle
 from sitl_stub.config import StubConfig
 from sitl_stub.options import parser
-from sitl_stub.server import Endpoint, PortBusy, Pty, Server, TruthLog
+from sitl_stub.server import Endpoint, Pty, Server, TruthLog
 from sitl_stub.signing import key_of
 from sitl_stub.stub import Stub
 
 
 def main(argv: list[str] | None = None) -> int:
     """Run the stub until it is stopped; return the exit code."""
-    arguments = parser().parse_args(argv)
+    options = parser()
+    arguments = options.parse_args(argv)
+    for line in idle(arguments, given(options, argv)):
+        options.error(line)
     try:
         config = _config(arguments)
         stub = Stub(config)
@@ -31,22 +35,27 @@ def main(argv: list[str] | None = None) -> int:
         truth = TruthLog(Path(arguments.truth)) if arguments.truth else None
         pty = Pty() if arguments.device and not arguments.device_port else None
         server = Server(stub, _endpoints(arguments), arguments.speed, truth, pty)
-    except PortBusy as error:
-        print(f"sitl_stub: {error}", file=sys.stderr)
-        return 3
     except OSError as error:
-        print(f"sitl_stub: cannot write {arguments.truth}: {error.strerror}", file=sys.stderr)
-        return 3
+        return _say(error)
     stopped = _stop_on_signals()
     places = ", ".join(f"{link} {server.port(link)} -> {e.peer_port}" for link, e in _endpoints(arguments).items())
     device = f", {config.device} on {pty.name}" if pty is not None else ""
     who = f"{config.airframe}, system {config.system_id}"
     print(f"sitl_stub {__version__} ready: {who}, UDP {places}{device}", flush=True)
     try:
-        server.run(arguments.duration, stopped)
-    finally:
-        server.close()
+        try:
+            server.run(arguments.duration, stopped)
+        finally:
+            server.close()  # a full disk may show only now
+    except OSError as error:
+        return _say(error)
     return 0
+
+
+def _say(error: OSError) -> int:
+    what = f"cannot write {error.filename}: {error.strerror}" if error.filename else str(error)
+    print(f"sitl_stub: {what}", file=sys.stderr)
+    return 3
 
 
 def _stop_on_signals() -> Callable[[], bool]:

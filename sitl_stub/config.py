@@ -7,12 +7,13 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, fields
 from numbers import Integral, Real
 
-from sitl_stub.devices import DEVICES
-from sitl_stub.faults import FAR_M, WIND_MOST_M_S, assigned, parse
+from sitl_stub.devices import DEVICES, WITH_ID
+from sitl_stub.faults import FAR_M, WIND_MOST_M_S, Fault, assigned, parse
 from sitl_stub.params import Parameters
 
 AIRFRAMES = ("multirotor", "fixed_wing")
 RANGE_MESSAGES = ("distance_sensor", "ranging_beacon", "landing_target")
+INTEGER_RANGES = ("distance_sensor", "ranging_beacon")  # messages without a place for NaN
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -149,13 +150,13 @@ def _wrong_numbers(c: StubConfig) -> Iterator[str]:
             yield f"{f.name} {value!r} is not a {'whole ' * whole}number"
         elif not least <= float(value) <= most:  # NaN is never within
             yield f"{f.name} {value} is not within {least:g}..{most:g}"
-    for name, value in _items(c.params):
+    params: object = c.params
+    if not isinstance(params, Mapping):
+        yield f"params {params!r} is not a mapping of parameters' names to numbers"
+        return
+    for name, value in params.items():
         if not isinstance(name, str) or isinstance(value, bool) or not isinstance(value, Real):
             yield f"params: {name!r}: {value!r} is not a parameter's name and a number"
-
-
-def _items(params: object) -> list[tuple[object, object]]:
-    return list(params.items()) if isinstance(params, Mapping) else [("params", params)]
 
 
 def _wrong_words(c: StubConfig) -> Iterator[str]:
@@ -174,11 +175,21 @@ def _wrong_words(c: StubConfig) -> Iterator[str]:
 
 
 def _wrong_windows(c: StubConfig) -> Iterator[str]:
-    for window in c.range_dropouts_s:
-        if len(window) != 2 or not window[0] <= window[1]:
+    windows: object = c.range_dropouts_s
+    if not isinstance(windows, tuple | list):
+        yield f"range_dropouts_s {windows!r} is not a tuple of (from, to) in seconds"
+        windows = ()
+    for window in windows:
+        if not _is_window(window):
             yield f"dropout {window} is not (from, to) in seconds with from before to"
     if not c.device and c.range_message != "distance_sensor" and c.range_beacon_id > 255:
         yield f"range_beacon_id {c.range_beacon_id} is not within 0..255, which is all that {c.range_message} carries"
+    if c.start_speed_m_s > 0.0 and c.start_height_m == 0.0:
+        yield f"start_speed_m_s {c.start_speed_m_s} is that of an airborne start, and start_height_m is 0"
+    if c.device and not c.radio:
+        yield f"device {c.device!r} is the radio, and radio=False leaves none on board"
+    if c.device and c.range_link == "ranging":
+        yield f"range_link 'ranging' is for messages, and device {c.device!r} sends none"
     if c.device:
         try:
             DEVICES[c.device](c.range_beacon_id)
@@ -186,11 +197,21 @@ def _wrong_windows(c: StubConfig) -> Iterator[str]:
             yield str(error)
 
 
+def _is_window(window: object) -> bool:
+    if not isinstance(window, tuple | list) or len(window) != 2:
+        return False
+    if not all(isinstance(end, Real) and not isinstance(end, bool) for end in window):
+        return False
+    return bool(window[0] <= window[1])  # NaN never is
+
+
 def _wrong_parameters(c: StubConfig) -> Iterator[str]:
     known = Parameters(c.airframe == "fixed_wing")
     for name, value in c.params.items():
         try:
             known.check(name, value)
+            if name == "MAV_SYS_ID" and value != c.system_id:
+                yield f"parameter MAV_SYS_ID cannot be {value}: it is system_id, {c.system_id}; set that instead"
         except ValueError as error:
             yield str(error)
 
@@ -200,11 +221,37 @@ def _wrong_lines(c: StubConfig) -> Iterator[str]:
     if isinstance(lines, str):
         yield "faults is one line: write a tuple of lines"
         return
+    if not isinstance(lines, tuple | list):
+        yield f"faults {lines!r} is not a tuple of lines"
+        return
     known = Parameters(c.airframe == "fixed_wing")
-    for line in c.faults:
+    for line in lines:
+        if not isinstance(line, str):
+            yield f"fault {line!r} is not a line of text"
+            continue
         try:
             fault = parse(line)
             if fault.kind == "param":
                 known.check(*assigned(fault))
+                if assigned(fault)[0] == "MAV_SYS_ID":
+                    raise ValueError("parameter MAV_SYS_ID is system_id, which stays as it is for a whole flight")
+            if why := _cannot_act(c, fault):
+                yield f"fault {line!r} cannot act: {why}"
         except ValueError as error:
             yield str(error) if repr(line) in str(error) else f"fault {line!r}: {error}"
+
+
+def _cannot_act(c: StubConfig, fault: Fault) -> str:
+    """Return why a fault of the ranges would change nothing, or nothing that can be sent; "" if it acts."""
+    if not fault.kind.startswith("range-"):
+        return ""
+    if not c.radio:
+        return "there is no radio on board (radio=False)"
+    format_ = c.device or c.range_message
+    if fault.kind == "range-orientation" and format_ != "distance_sensor":
+        return f"{format_} carries no orientation"
+    if fault.kind == "range-id" and c.device and c.device not in WITH_ID:
+        return f"{format_} carries no id"
+    if fault.kind == "range-value" and math.isnan(float(fault.words[0])) and format_ in INTEGER_RANGES:
+        return f"{format_} carries a whole number, never NaN; range-invalid is its way to have no range"
+    return ""

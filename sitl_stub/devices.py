@@ -188,6 +188,7 @@ DEVICES: dict[str, Callable[[int], RangeToBytes]] = {
     "replay": lambda beacon_id: Replay(),
 }
 """Devices by name; each makes one that ranges to the beacon with that id (ignored by devices that know of none)."""
+WITH_ID = frozenset({"linktrack", "linktrack_frame2", "dwm1001_les"})  # whose bytes carry the beacon's id
 
 
 def _steps(range_m: float, step_m: float, most: int) -> int:

@@ -73,24 +73,51 @@ def _byte(text: str) -> None:
 
 _DIRECTION = _one_of("in", "out")
 _RANGE = _within(-1e9, 1e9)
+
+
+def _range_or_none(text: str) -> None:
+    if not math.isnan(float(text)):
+        _RANGE(text)
+
+
 _DELAY_MOST_S, _CLOCK_MOST_S = 3600.0, 1e6
 MODES = {mode.name.lower(): mode for mode in Mode}
 
 # kind -> (whether it lasts, checks of its arguments, how the arguments are written, what it does)
 FAULTS: dict[str, tuple[bool, tuple[Callable[[str], None], ...], str, str]] = {
     "silence": (True, (), "", "no frame of the companion's link passes, either way"),
-    "drop": (True, (_DIRECTION, _share), "in|out SHARE", "a share of frames is lost on the way in or out"),
-    "delay": (True, (_DIRECTION, _within(0.0, _DELAY_MOST_S)), "in|out SECONDS", "every frame comes later"),
-    "duplicate": (True, (_DIRECTION, _share), "in|out SHARE", "a share of frames comes twice"),
-    "reorder": (True, (_DIRECTION, _share), "in|out SHARE", "a share of frames is overtaken by later ones"),
-    "corrupt": (True, (_DIRECTION, _share), "in|out SHARE", "a byte of a share of frames is wrong"),
+    "drop": (
+        True,
+        (_DIRECTION, _share),
+        "in|out SHARE",
+        "a share of the companion link's frames is lost on the way in or out",
+    ),
+    "delay": (
+        True,
+        (_DIRECTION, _within(0.0, _DELAY_MOST_S)),
+        "in|out SECONDS",
+        "every frame of the companion's link comes later",
+    ),
+    "duplicate": (True, (_DIRECTION, _share), "in|out SHARE", "a share of the companion link's frames comes twice"),
+    "reorder": (
+        True,
+        (_DIRECTION, _share),
+        "in|out SHARE",
+        "a share of the companion link's frames is overtaken by later ones",
+    ),
+    "corrupt": (
+        True,
+        (_DIRECTION, _share),
+        "in|out SHARE",
+        "a byte of a share of the companion link's frames is wrong",
+    ),
     "range-stop": (True, (), "", "the radio measures nothing"),
     "range-stick": (True, (), "", "the radio repeats its last range"),
     "range-add": (True, (_RANGE,), "METRES", "every range is wrong by so much"),
-    "range-value": (True, (_RANGE,), "METRES", "every range reads this: 0, 655.35, 1e6, ..."),
-    "range-invalid": (True, (), "", "signal_quality says invalid and the range reads 0"),
-    "range-id": (True, (_byte,), "ID", "ranges come with another sensor id"),
-    "range-orientation": (True, (_byte,), "ORIENTATION", "ranges come with another orientation"),
+    "range-value": (True, (_range_or_none,), "METRES", "every range reads this: 0, 655.35, 1e6, nan (where it fits)"),
+    "range-invalid": (True, (), "", "no range, in the format's own way; DISTANCE_SENSOR: quality 1 and 0 cm"),
+    "range-id": (True, (_byte,), "ID", "ranges come with another sensor id, or beacon id"),
+    "range-orientation": (True, (_byte,), "ORIENTATION", "DISTANCE_SENSOR comes with another orientation"),
     "refuse-arm": (True, (), "", "arming is refused"),
     "refuse-offboard": (True, (), "", "OFFBOARD is refused, and lost if it is flown"),
     "deaf": (True, (), "", "setpoints are ignored"),

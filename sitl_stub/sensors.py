@@ -85,7 +85,8 @@ class Radio:
             measured = c.range_step_m * round(measured / c.range_step_m)
         if faults.value_m is not None:
             measured = faults.value_m
-        measured = max(0.0, measured + faults.add_m)
+        measured += faults.add_m
+        measured = 0.0 if measured < 0.0 else measured  # NaN, which a fault may ask for, stays
         self._last = Measurement(t_s, measured, rate_m_s + c.range_rate_sigma_m_s * rate_noise)
         return self._last
 

@@ -15,7 +15,7 @@ import socket
 import threading
 import time
 import tty
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TextIO
@@ -170,24 +170,40 @@ class Server:
 
 
 class TruthLog:
-    """Writes the ground truth as CSV, one row every period_s of flight time. Columns: the fields of Truth."""
+    """Writes the ground truth as CSV, one row every period_s of flight time. Columns: the fields of Truth.
+
+    A file that cannot be written (a full disk) is an OSError that names it: at a row, or only when it is closed.
+    """
 
     def __init__(self, path: Path, period_s: float = 0.05) -> None:
         self._file: TextIO = path.open("w", encoding="utf-8", newline="")
+        self._path = path
         self._names = [field.name for field in fields(Truth)]
         self._period_s, self._next_s = period_s, 0.0
-        self._file.write(",".join(self._names) + "\n")
+        self._write(self._names)
 
     def note(self, stub: Stub) -> None:
         """Write a row if one is due."""
         if stub.now_s + 1e-9 >= self._next_s:
             self._next_s += self._period_s
             truth = stub.truth()
-            self._file.write(",".join(_cell(getattr(truth, name)) for name in self._names) + "\n")
+            self._write([_cell(getattr(truth, name)) for name in self._names])
 
     def close(self) -> None:
         """Close the file."""
-        self._file.close()
+        with self._naming_the_file():
+            self._file.close()
+
+    def _write(self, cells: list[str]) -> None:
+        with self._naming_the_file():
+            self._file.write(",".join(cells) + "\n")
+
+    @contextlib.contextmanager
+    def _naming_the_file(self) -> Iterator[None]:
+        try:
+            yield
+        except OSError as error:
+            raise OSError(error.errno, error.strerror, str(self._path)) from error
 
 
 def _cell(value: object) -> str:

@@ -11,12 +11,12 @@ from sitl_stub import happenings, protocol, wire
 from sitl_stub.autopilot import Autopilot
 from sitl_stub.commands import MODE_LEAST_S
 from sitl_stub.config import StubConfig
-from sitl_stub.devices import DEVICES
+from sitl_stub.devices import DEVICES, RangeToBytes
 from sitl_stub.faults import Fault, Timeline
 from sitl_stub.foreign import ForeignVehicle
 from sitl_stub.link import Link
 from sitl_stub.rates import FIXED_WING_HZ, GCS_HZ, ONBOARD_HZ
-from sitl_stub.sensors import DISTANCE_SENSOR, Radio, distance_fields
+from sitl_stub.sensors import DISTANCE_SENSOR, Measurement, Radio, RadioFaults, distance_fields
 from sitl_stub.signing import Signer
 from sitl_stub.streams import BUILDERS, CONDITIONS, CURRENT_MODE, HEARTBEAT
 from sitl_stub.truth import Truth, truth_of
@@ -44,6 +44,7 @@ class Stub:
         self._steps = 0
         self.world = World(c, c.step_s)
         self.autopilot = Autopilot(c, c.step_s)
+        self.autopilot.params.set("MAV_SYS_ID", c.system_id)
         self.radio = Radio(c) if c.radio else None
         self.links = self._make_links()
         self._vehicle_links = [self.links["offboard"], self.links["gcs"]]
@@ -133,6 +134,7 @@ class Stub:
         """Boot the autopilot: silent and deaf for REBOOT_S, then disarmed, with default streams and time from zero."""
         self._down_until_s = self.now_s + REBOOT_S
         self.autopilot.boot(self._down_until_s)
+        self.autopilot.params.set("MAV_SYS_ID", self.config.system_id)  # a PARAM_SET of another never acts
         self._later.clear()
         self._distances.clear()
         for link in self._vehicle_links:
@@ -234,9 +236,8 @@ class Stub:
         link = self.links[c.range_link]
         for measurement in radio.step(t_s, lambda: self.world.range_and_rate(t_s, self.autopilot.vehicle)):
             if self._device is not None:
-                self._device_bytes.append(
-                    self._device.encode(measurement.range_m, measurement.rate_m_s, measurement.t_s)
-                )
+                if report := self._report(self._device, radio.faults, measurement):
+                    self._device_bytes.append(report)
                 continue
             msgid, fields = radio.message(measurement)
             link.send(msgid, wire.pack(msgid, fields), sysid, c.range_compid)
@@ -246,6 +247,11 @@ class Stub:
             self._next_radio_heartbeat_s += 1.0
             if self._device is None:
                 link.send(HEARTBEAT, wire.pack(HEARTBEAT, RADIO_HEARTBEAT), sysid, c.range_compid)
+
+    def _report(self, device: RangeToBytes, faults: RadioFaults, m: Measurement) -> bytes:
+        if faults.sensor_id is not None:
+            device = DEVICES[self.config.device](faults.sensor_id)
+        return device.encode(math.nan if faults.invalid else m.range_m, m.rate_m_s, m.t_s)
 
     def _send_texts(self) -> None:
         texts, self.autopilot.commander.texts = self.autopilot.commander.texts, []

@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 import math
+import re
 import struct
+from pathlib import Path
 
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
+import sitl_stub
+from sitl_stub import StubConfig
+from sitl_stub.params import Parameters
 from tests.stub.rig import HERE, HOLD, OFFBOARD, Rig, first_time, flying
 
 AMSL_M = 489.4
@@ -305,3 +310,28 @@ def test_the_target_of_a_refused_command_is_forgotten(refused: tuple[float, ...]
     assert rig.mode == mode
     rig.run(20.0)
     assert rig.stub.truth().height_m == pytest.approx(height_m, abs=3.0)  # MIS_TAKEOFF_ALT is 2.5 m
+
+
+PACKAGE = Path(sitl_stub.__file__).parent
+DOCUMENT = Path(__file__).parents[2] / "docs" / "stub.md"
+
+
+def test_the_document_names_exactly_the_parameters_that_nothing_reads() -> None:
+    modules = [path.read_text(encoding="utf-8") for path in PACKAGE.glob("*.py") if path.name != "params.py"]
+    names = {*Parameters(fixed_wing=False), *Parameters(fixed_wing=True)}
+    unread = {name for name in names if not any(f'"{name}"' in text for text in modules)}
+    rows = DOCUMENT.read_text(encoding="utf-8").splitlines()
+    row = next(line for line in rows if line.startswith("| what these parameters do: "))
+    assert {*re.findall("`([A-Z][A-Z0-9_]+)`", row.split("|")[1])} == unread
+
+
+def test_the_system_id_is_a_parameter_too() -> None:
+    rig = Rig(system_id=42)
+    rig.send(mavlink.MAVLink_param_request_read_message(42, 1, b"MAV_SYS_ID", -1))
+    rig.run(0.2)
+    (answer,) = rig.all("PARAM_VALUE")
+    assert struct.unpack("<i", struct.pack("<f", answer.param_value)) == (42,)
+    assert StubConfig(system_id=42, params={"MAV_SYS_ID": 42}).params["MAV_SYS_ID"] == 42
+    for wrong in ({"params": {"MAV_SYS_ID": 5}}, {"faults": ("5 param MAV_SYS_ID=5",)}):
+        with pytest.raises(ValueError, match=r"MAV_SYS_ID .* system_id"):
+            StubConfig(**wrong)

@@ -11,6 +11,7 @@ import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
 from sitl_stub import Stub, StubConfig
+from sitl_stub.devices import DEVICES, WITH_ID
 from sitl_stub.faults import FAULTS, parse
 from tests.stub.rig import OFFBOARD, Rig, flying
 
@@ -157,6 +158,74 @@ def test_range_invalid() -> None:
 def test_wrong_id_and_orientation() -> None:
     found = [m for t, m in measured("2-4 range-id 9", "2-4 range-orientation 25") if 2.05 < t < 3.99]
     assert {(m.id, m.orientation) for m in found} == {(9, 25)}
+
+
+def test_a_range_of_nan_where_the_message_has_a_place_for_it() -> None:
+    rig = Rig(radio=True, faults=("2-4 range-value nan", "2-4 range-add 3"), range_message="landing_target")
+    rig.run(6.0)
+    seen = [(t, m.distance) for t, m in rig.heard if m.get_type() == "LANDING_TARGET"]
+    assert {math.isnan(d) for t, d in seen if 2.05 < t < 3.99} == {True}
+    assert not [d for t, d in seen if t > 4.05 and math.isnan(d)]
+
+
+def reports(device: str, *lines: str) -> tuple[list[bytes], list[bytes]]:
+    """Return what a device 100 m from the beacon reports before the faults of 2 to 4 s, and meanwhile."""
+    stub = Stub(StubConfig(device=device, beacon_east_m=100.0, range_sigma_m=0.0, faults=lines))
+    stub.advance(1.95)
+    before = stub.take("device")
+    stub.advance(2.05)
+    stub.take("device")
+    stub.advance(3.95)
+    return before, stub.take("device")
+
+
+def linktrack_mm(frame: bytes) -> int:
+    return int.from_bytes(frame[23:26], "little", signed=True)  # NodeFrame3: a header of 21 bytes, role, id, range
+
+
+@pytest.mark.parametrize("fault", ["range-invalid", "range-value nan"])
+def test_a_device_without_a_range_says_so_in_its_own_way(fault: str) -> None:
+    """The manuals: LinkTrack and US-D1 read 0, LightWare 130.00, the others leave the range out."""
+    before, meanwhile = reports("linktrack", f"2-4 {fault}")
+    assert ({*map(linktrack_mm, before)}, {*map(linktrack_mm, meanwhile)}) == ({100_000}, {0})
+    assert {*reports("lightware", f"2-4 {fault}")[1]} == {b"130.00\r\n"}
+    assert {report[2:4] for report in reports("us_d1", f"2-4 {fault}")[1]} == {bytes(2)}
+    for device in ("dwm1001_les", "omnipresense", "lines", "replay"):
+        before, meanwhile = reports(device, f"2-4 {fault}")
+        assert (len(before), meanwhile) == (20, []), device
+
+
+def test_a_devices_ranges_come_with_another_id() -> None:
+    before, meanwhile = reports("dwm1001_les", "2-4 range-id 9", "2-4 range-add 5")
+    assert ({b[:20] for b in before}, {m[:4] for m in meanwhile}) == ({b"0001[0.00,0.00,0.00]"}, {b"0009"})
+    assert {m.split(b"=")[1].split()[0] for m in meanwhile} == {b"105.00"}
+    before, meanwhile = reports("linktrack", "2-4 range-id 9")
+    assert ({b[22] for b in before}, {m[22] for m in meanwhile}) == ({1}, {9})
+
+
+@pytest.mark.parametrize("device", DEVICES)
+def test_only_devices_with_an_id_take_another(device: str) -> None:
+    """The table that configurations are checked by is what the bytes say."""
+    make = DEVICES[device]
+    assert (make(1).encode(10.0, 0.0, 1.0) != make(2).encode(10.0, 0.0, 1.0)) == (device in WITH_ID)
+
+
+@pytest.mark.parametrize(
+    ("fields", "line", "words"),
+    [
+        ({"radio": False}, "1-2 range-stop", "there is no radio on board"),
+        ({"device": "linktrack"}, "1-2 range-orientation 25", "linktrack carries no orientation"),
+        ({"range_message": "landing_target"}, "1-2 range-orientation 25", "landing_target carries no orientation"),
+        ({"device": "us_d1"}, "1-2 range-id 9", "us_d1 carries no id"),
+        ({}, "1-2 range-value nan", "distance_sensor carries a whole number"),
+        ({"range_message": "ranging_beacon"}, "1-2 range-value nan", "ranging_beacon carries a whole number"),
+    ],
+)
+def test_a_fault_that_cannot_act_is_refused(fields: dict[str, Any], line: str, words: str) -> None:
+    with pytest.raises(ValueError, match="cannot act") as caught:
+        StubConfig(faults=(line,), **fields)
+    assert repr(line) in str(caught.value)
+    assert words in str(caught.value)
 
 
 # -- the vehicle -------------------------------------------------------------------------------------------------

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import os
 import random
+import shlex
 import struct
 import subprocess
 import sys
@@ -15,9 +16,12 @@ import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
 from sitl_stub import Stub, StubConfig
+from sitl_stub.__main__ import main
+from sitl_stub.combinations import given, idle
 from sitl_stub.config import BOUNDS
 from sitl_stub.faults import FAULTS, parse
 from sitl_stub.modes import Mode
+from sitl_stub.options import parser
 from sitl_stub.params import INT32, REAL32, Parameters
 from tests.stub.rig import OFFBOARD, Rig, flying
 
@@ -60,7 +64,20 @@ def test_every_number_is_in_the_table() -> None:
         ({"device": "linktrack", "range_beacon_id": 256}, "beacon has an id from 0 to 255"),
         ({"signing_key": b"short"}, "signing_key is not 32 bytes"),
         ({"signing_key": bytes(32), "mavlink_version": 1}, "only MAVLink 2 can be signed"),
+        ({"range_dropouts_s": 5}, "range_dropouts_s 5 is not a tuple of (from, to)"),
+        ({"range_dropouts_s": None}, "range_dropouts_s None is not a tuple of (from, to)"),
+        ({"range_dropouts_s": (5,)}, "dropout 5 is not (from, to)"),
+        ({"range_dropouts_s": (("a", "b"),)}, "dropout ('a', 'b') is not (from, to)"),
+        ({"range_dropouts_s": ("ab",)}, "dropout ab is not (from, to)"),
         ({"faults": "5 reboot"}, "faults is one line"),
+        ({"start_speed_m_s": 5.0}, "start_speed_m_s 5.0 is that of an airborne start"),
+        ({"device": "linktrack", "radio": False}, "radio=False leaves none on board"),
+        ({"device": "linktrack", "range_link": "ranging"}, "range_link 'ranging' is for messages"),
+        ({"faults": None}, "faults None is not a tuple of lines"),
+        ({"faults": 5}, "faults 5 is not a tuple of lines"),
+        ({"faults": (5,)}, "fault 5 is not a line of text"),
+        ({"params": 5}, "params 5 is not a mapping"),
+        ({"params": None}, "params None is not a mapping"),
         ({"params": {"COM_OF_LOSS_T": -1}}, "parameter COM_OF_LOSS_T cannot be -1: it goes from 0 to 60"),
         ({"params": {"COM_OF_LOSS_T": NAN}}, "parameter COM_OF_LOSS_T cannot be nan"),
         ({"params": {"COM_OBL_RC_ACT": 8}}, "from 0 to 7"),
@@ -106,7 +123,8 @@ def test_every_default_parameter_is_within_its_limits(fixed_wing: bool) -> None:
         ("5 wind 1", "two numbers with a comma"),
         ("5 beacon nan,0", "two numbers with a comma"),
         ("1-2 range-add 1e300", "it goes from -1e+09"),
-        ("1-2 range-value nan", "'nan' does not fit"),
+        ("1-2 range-value inf", "'inf' does not fit"),
+        ("1-2 range-add nan", "'nan' does not fit"),
         ("1-2 range-id -1", "it goes from 0 to 255"),
         ("1-2 foreign 1e2", "'1e2' does not fit"),
         ("nan reboot", "cannot happen at nan"),
@@ -355,6 +373,47 @@ def test_a_wrong_number_on_the_command_line_is_one_line(arguments: list[str], wo
     assert done.returncode == 2
     assert done.stderr.count("\n") == 1, done.stderr
     assert words in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ("--no-radio --device linktrack", "--no-radio leaves no radio on board: leave out --device"),
+        ("--no-radio --rate 5 --dropout 1:2", "--no-radio leaves no radio on board: leave out --rate, --dropout"),
+        ("--device linktrack --ranging-port 5000", "--device linktrack sends bytes and no messages: leave out --rang"),
+        ("--device us_d1 --sensor-id 7", "leave out --sensor-id"),
+        ("--device us_d1 --beacon-id 1", "--beacon-id does nothing: us_d1 carries none"),
+        ("--beacon-id 2", "--beacon-id does nothing: distance_sensor carries none"),
+        ("--device-port 5000", "add --device NAME"),
+        ("--start-speed 5", "add --airborne HEIGHT"),
+        ("--range-message landing_target --sensor-id 7", "carries neither: leave out --sensor-id"),
+        ("--range-message ranging_beacon --orientation 0", "carries neither: leave out --orientation"),
+        ("--outlier-mean 20", "add --outliers SHARE"),
+        ("--sign ''", "--sign needs a passphrase"),
+    ],
+)
+def test_an_option_that_would_do_nothing_is_one_line(line: str, words: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(shlex.split(line))
+    error = capsys.readouterr().err
+    assert ended.value.code == 2
+    assert error.count("\n") == 1, error
+    assert words in error
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "",
+        "--no-radio --airborne 30 --start-speed 0 --sign secret",
+        "--device linktrack --device-port 5000 --beacon-id 3 --rate 20 --outliers 0.1 --outlier-mean 20",
+        "--range-message landing_target --beacon-id 3 --ranging-port 5000 --range-from 1,25",
+        "--sensor-id 9 --orientation 12 --dropout 1:2 --dropout 4:5",
+    ],
+)
+def test_options_that_act_together_are_taken(line: str) -> None:
+    words = shlex.split(line)
+    assert [*idle(parser().parse_args(words), given(parser(), words))] == []
 
 
 # -- faults that overlap -------------------------------------------------------------------------------------------

@@ -105,6 +105,16 @@ def test_wrong_arguments_are_one_clear_line(arguments: list[str], words: str) ->
     assert "Traceback" not in done.stderr
 
 
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="this system has no /dev/full")
+@pytest.mark.parametrize("duration_s", [0.2, 3.0])  # the disk is full at the end, or on the way
+def test_a_full_disk_under_the_truth_is_one_clear_line(duration_s: float) -> None:
+    command = stub_command("--truth", "/dev/full", "--duration", str(duration_s), "--speed", "50")
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 3
+    assert done.stderr.count("\n") == 1, done.stderr
+    assert "cannot write /dev/full: No space left on device" in done.stderr
+
+
 @pytest.mark.realtime
 @pytest.mark.soak
 def test_the_fixture_gives_a_vehicle_that_flies(sitl: Any) -> None:
