@@ -74,6 +74,29 @@ def test_faults_say_what_and_what_to_do(text, words):
     assert any(words in line for line in faults(text)), faults(text)
 
 
+@pytest.mark.parametrize(
+    ("text", "places"),
+    [
+        ("estimator: {name: drift, gate_sigmas: 0}", ["estimator.gate_sigmas"]),
+        (
+            "estimator: {name: direct, accel_m_s2: -1, gate_sigmas: 0}",
+            ["estimator.gate_sigmas", "estimator.accel_m_s2"],
+        ),
+        ("estimator: {name: drift, gate_sigmas: 0, gat: 1}", ["estimator.gat", "estimator.gate_sigmas"]),
+        ("law: {name: tangent, reach_s: -1, gain_per_s: 0}", ["law.reach_s", "law.gain_per_s"]),
+        ("law: {name: sliding_mode, slope: 0, closing_share: 1}", ["law.slope", "law.closing_share"]),
+        ("law: {name: pd_bias, kappa: 3, damping: 5}", ["law.kappa"]),
+        ("law: {k: 1.0e-9}", ["law.k"]),
+        ("law: {k: 1.0e+308}", ["law.k"]),
+        ("law: {kappa: 3, k: 0.06}", ["law.kappa"]),
+        ("orbit: {radius_m: 4, speed_m_s: 5}\nlaw: {name: tangent}", ["orbit.radius_m"]),
+        ("orbit: {radius_m: 4, speed_m_s: 5}\nlaw: {name: tangent, reach_s: 0}", ["orbit.radius_m", "law.reach_s"]),
+    ],
+)
+def test_each_option_that_cannot_fly_is_named_once(text, places):
+    assert [line.split(": ")[1] for line in faults(text)] == places
+
+
 def test_an_alias_may_be_used_twice_and_ages_may_meet():
     config = parse("orbit: {radius_m: &r 60, r_max_m: 100}\nranging: {max_age_s: &s 2, coast_s: *s, latency_s: 1.9}\n")
     assert config.orbit.radius_m == 60 and config.ranging.coast_s == 2
