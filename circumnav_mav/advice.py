@@ -8,6 +8,7 @@ from math import sqrt
 from circumnav_mav.config import Config
 from circumnav_mav.guidance import sampling
 from circumnav_mav.guidance.estimators import ESTIMATORS
+from circumnav_mav.guidance.estimators.flying import TRAIL_S
 from circumnav_mav.guidance.kernel import EstimatorContext
 from circumnav_mav.guidance.verdict import Finding
 from circumnav_mav.ranging import SOURCES
@@ -76,3 +77,13 @@ def rate_of_ranges(config: Config, kappa: float, lag_s: float) -> Iterator[Findi
         f"; one in {slowest_s:.3g} s follows wind {late_s:.2g} s late, and kappa above {most:.3g} gains nothing then"
     )
     yield Finding("warning" if kappa > most else "info", "range_rate", text)
+
+
+def ages(config: Config) -> Iterator[Finding]:
+    """Yield a warning where ranging.max_age_s allows what the estimator cannot place any more."""
+    if config.ranging.max_age_s > TRAIL_S:
+        text = (
+            f"a range that comes more than {TRAIL_S:g} s late is not used, though ranging.max_age_s allows "
+            f"{config.ranging.max_age_s:g} s: what was flown is remembered no longer"
+        )
+        yield Finding("warning", "age", text)

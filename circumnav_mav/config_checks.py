@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from circumnav_mav import endpoint
 from circumnav_mav.guidance.computer import GuidanceSettings, band_of, estimator_context
 from circumnav_mav.guidance.estimators import ESTIMATORS
+from circumnav_mav.guidance.estimators.flying import TRAIL_S
 from circumnav_mav.guidance.laws import LAWS
 from circumnav_mav.ranging import SOURCES, ByteSource
 from circumnav_mav.ranging.receiver import check_options
@@ -156,7 +157,13 @@ def _study_checks(config: Config) -> Iterator[tuple[str, str]]:
 
 
 def _age_checks(ranging: Ranging) -> Iterator[tuple[str, str]]:
-    if ranging.latency_s >= ranging.max_age_s:
+    if ranging.latency_s >= TRAIL_S:
+        yield (
+            "ranging.latency_s",
+            f"{ranging.latency_s:g} s: what was flown is remembered for {TRAIL_S:g} s, so every range would be too "
+            "old to be used; below that, or a quicker sensor",
+        )
+    elif ranging.latency_s >= ranging.max_age_s:
         yield (
             "ranging.latency_s",
             f"{ranging.latency_s:g} s is not below max_age_s, {ranging.max_age_s:g} s: every range would be stale",

@@ -63,6 +63,7 @@ def test_every_fault_is_reported_at_once_with_its_line():
         ("ranging: &a {source: lines, json: [*a]}", "contains itself"),
         ("orbit: " + "[" * 5000, "nested too deeply"),
         ("ranging: {latency_s: 1.0, max_age_s: 1.0}", "every range would be stale"),
+        ("ranging: {latency_s: 2, max_age_s: 3}", "ranging.latency_s: 2 s: what was flown is remembered for 2 s"),
         ("ranging: {coast_s: 0.9, max_age_s: 1.0}", "is below max_age_s"),
         ("orbit: {radius_m: true}", "must be a number, not true"),
         ("law: {kappa: yes}", "must be a number, not true"),
