@@ -75,7 +75,9 @@ def _estimator_checks(config: Config, guidance: GuidanceSettings) -> Iterator[tu
         yield "estimator.name", f"law {law.name} needs {', '.join(missing)}, which only {' or '.join(able)} gives"
     unknown = sorted(set(given) - set(estimator.options))
     yield from (("estimator." + k, f"no option of {estimator.name}{nearest(k, estimator.options)}") for k in unknown)
-    known = {key: value for key, value in given.items() if key in estimator.options}
+    if "sigma_m" in given:
+        yield "estimator.sigma_m", "set ranging.sigma_m instead: a flight gives the estimator that, range by range"
+    known = {key: value for key, value in given.items() if key in estimator.options and key != "sigma_m"}
     context = estimator_context(guidance)
     yield from _refused("estimator", known, lambda options: estimator.parameters(options, context))
 

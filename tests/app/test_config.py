@@ -44,6 +44,7 @@ def test_every_fault_is_reported_at_once_with_its_line():
         ("law: {name: tangent}\nestimator: {name: direct}", "which only drift gives"),
         ("law: {kapa: 2}", "did you mean 'kappa'"),
         ("law: {kappa: 3, k: 0.06}", "not both"),
+        ("estimator: {sigma_m: 2}", "estimator.sigma_m: set ranging.sigma_m instead"),
         ("estimator: {gate_sigma: 3}", "did you mean 'gate_sigmas'"),
         ("vehicle: {link: serial}", "udpin://"),
         ("vehicle: {link: 'udpout://:14580'}", "address"),
