@@ -114,7 +114,7 @@ def _bank(f: Flight) -> Iterator[Finding]:
         yield Finding("error", "bank", f"{bank} holds no circle below {calm:.4g} m; the orbit is {f.r_a:.4g} m")
     elif windy > f.r_a:
         text = f"{bank} holds no circle below {windy:.4g} m downwind in {wind:.3g} m/s; the orbit is {f.r_a:.4g} m"
-        yield Finding("warning", "bank", text)
+        yield Finding("error", "bank", text)
 
 
 def _timing(f: Flight) -> Iterator[Finding]:

@@ -128,10 +128,3 @@ def test_check_bounds_the_gain_by_the_rate_of_ranges():
     assert "add nothing" in check(estimator={"name": "polar"})["range_rate"].text
     tangent = check(law={"name": "tangent"}, estimator={"name": "drift"})
     assert "range_rate" not in tangent
-
-
-def test_check_says_how_late_a_range_may_come():
-    assert "age" not in check(ranging={"max_age_s": 2.0})
-    found = check(ranging={"max_age_s": 3.0})["age"]
-    assert found.severity == "warning"
-    assert "more than 2 s late is not used" in found.text
