@@ -163,7 +163,7 @@ def _age_checks(ranging: Ranging) -> Iterator[tuple[str, str]]:
         yield (
             "ranging.latency_s",
             f"{ranging.latency_s:g} s: what was flown is remembered for {TRAIL_S:g} s, so every range would be too "
-            "old to be used; below that, or a quicker sensor",
+            "old to be used; give less, or take a quicker sensor",
         )
     elif ranging.latency_s >= ranging.max_age_s:
         yield (
