@@ -8,7 +8,9 @@ from math import sqrt
 from circumnav_mav.config import Config
 from circumnav_mav.guidance import sampling
 from circumnav_mav.guidance.estimators import ESTIMATORS
+from circumnav_mav.guidance.estimators.flying import TRAIL_S
 from circumnav_mav.guidance.kernel import EstimatorContext
+from circumnav_mav.guidance.slant import least_level
 from circumnav_mav.guidance.verdict import Finding
 from circumnav_mav.ranging import SOURCES
 
@@ -76,3 +78,54 @@ def rate_of_ranges(config: Config, kappa: float, lag_s: float) -> Iterator[Findi
         f"; one in {slowest_s:.3g} s follows wind {late_s:.2g} s late, and kappa above {most:.3g} gains nothing then"
     )
     yield Finding("warning" if kappa > most else "info", "range_rate", text)
+
+
+def ages(config: Config) -> Iterator[Finding]:
+    """Yield a warning where ranging.max_age_s allows what the estimator cannot place any more."""
+    if config.ranging.max_age_s > TRAIL_S:
+        text = (
+            f"a range that comes more than {TRAIL_S:g} s late is not used, though ranging.max_age_s allows "
+            f"{config.ranging.max_age_s:g} s: what was flown is remembered no longer"
+        )
+        yield Finding("warning", "age", text)
+
+
+STEEP = 1.0 / 3.0
+"""Height above the target, as a share of the radius, from which taking a slant range as horizontal is a warning."""
+
+
+def slant(config: Config) -> Iterator[Finding]:
+    """Yield what the height means for the ranges: an error where they are refused all along the circle."""
+    radius_m, height_m, target_m = config.orbit.radius_m, config.orbit.height_m, config.ranging.target_height_m
+    if height_m is None:
+        return
+    if target_m is None:
+        text = (
+            "ranges are taken as horizontal: if the target is on the ground, a slant range of R m at "
+            f"{height_m:g} m of height is sqrt(R^2 - {height_m:g}^2) m over the ground: set ranging.target_height_m"
+        )
+        yield Finding("warning" if height_m >= STEEP * radius_m else "info", "slant", text)
+        return
+    least_m = least_level(height_m - target_m)
+    if radius_m < least_m:
+        text = (
+            f"ranges are refused within {least_m:.3g} m of a target {abs(height_m - target_m):g} m "
+            f"{'below' if height_m > target_m else 'above'}, and the orbit is {radius_m:g} m: fly wider or lower"
+        )
+        yield Finding("error", "slant", text)
+
+
+LOST_SHARE = 1.0 / 3.0
+"""Wind, as a share of the speed, in which every law but tangent lost flights (docs/estimation.md, R_wind5)."""
+
+
+def drifting(config: Config) -> Iterator[Finding]:
+    """Yield a warning, or with a strong wind an error, where the vehicle drifts and the law knows no wind."""
+    law, wind_m_s = config.law.name, config.study.wind_m_s
+    if config.vehicle_class.speed == "ground" or law == "tangent":
+        return
+    cure = "law tangent on estimator drift does not (README, docs/estimation.md)"
+    lost = wind_m_s is not None and wind_m_s >= LOST_SHARE * config.orbit.speed_m_s
+    here = f", and study.wind_m_s is {wind_m_s:g}" if lost else ""
+    text = f"law {law} loses the target in wind above about a quarter of the speed{here}: {cure}"
+    yield Finding("error" if lost else "warning", "law", text)

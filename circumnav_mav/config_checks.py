@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from typing import TYPE_CHECKING, Any
 
 from circumnav_mav import endpoint
-from circumnav_mav.guidance.computer import GuidanceSettings, band_of
+from circumnav_mav.guidance.computer import GuidanceSettings, band_of, estimator_context
 from circumnav_mav.guidance.estimators import ESTIMATORS
+from circumnav_mav.guidance.estimators.flying import TRAIL_S
 from circumnav_mav.guidance.laws import LAWS
 from circumnav_mav.ranging import SOURCES, ByteSource
 from circumnav_mav.ranging.receiver import check_options
@@ -42,23 +43,8 @@ def cross_checks(config: Config, guidance: GuidanceSettings) -> Iterator[tuple[s
             "orbit.r_max_m",
             f"must be at least {room_m:.1f} m above the radius: the barrier would bend the orbit itself",
         )
-    law = LAWS[config.law.name]
-    unknown = set(config.law.options) - set(law.options)
-    whose = f", the law of {config.vehicle.kind}; to fly another, give law.name" * ("law.name" in config.defaulted)
-    yield from (("law." + k, f"no option of {law.name}{nearest(k, law.options) or whose}") for k in sorted(unknown))
-    if not unknown:
-        try:
-            law.parameters({**law.options, **config.law.options}, config.law_context())
-        except ValueError as error:
-            key = next((k for k in ("kappa", "k") if k in config.law.options), "name")
-            yield f"law.{key}", str(error)
-    estimator = ESTIMATORS[config.estimator.name]
-    missing = sorted(set(law.needs) - estimator.gives - {"V"})
-    if missing:
-        able = [name for name, other in ESTIMATORS.items() if set(law.needs) <= other.gives | {"V"}]
-        yield "estimator.name", f"law {law.name} needs {', '.join(missing)}, which only {' or '.join(able)} gives"
-    unknown = set(config.estimator.options) - set(estimator.options)
-    yield from (("estimator." + k, f"no option of {estimator.name}{nearest(k, estimator.options)}") for k in unknown)
+    yield from _law_checks(config)
+    yield from _estimator_checks(config, guidance)
     if config.ranging.max_age_s * config.loop.rate_hz < 2:
         yield "ranging.max_age_s", "shorter than two ticks of loop.rate_hz: every range would be stale"
     yield from _age_checks(config.ranging)
@@ -70,6 +56,51 @@ def cross_checks(config: Config, guidance: GuidanceSettings) -> Iterator[tuple[s
     yield from _study_checks(config)
     if config.ranging.sender and config.ranging.sender[1] == 1:
         yield "ranging.from", "component 1 is the autopilot: its own range finder and its echoes are never flown on"
+
+
+def _law_checks(config: Config) -> Iterator[tuple[str, str]]:
+    law, given = LAWS[config.law.name], config.law.options
+    whose = f", the law of {config.vehicle.kind}; to fly another, give law.name" * ("law.name" in config.defaulted)
+    unknown = sorted(set(given) - set(law.options))
+    yield from (("law." + k, f"no option of {law.name}{nearest(k, law.options) or whose}") for k in unknown)
+    context = config.law_context()
+    known = {key: value for key, value in given.items() if key in law.options}
+    for path, text in _refused("law", known, lambda options: law.parameters({**law.options, **options}, context)):
+        if path != "law.name" or context.V / context.r_a <= context.turn_rate_limit:  # else said of orbit.radius_m
+            yield path, text
+
+
+def _estimator_checks(config: Config, guidance: GuidanceSettings) -> Iterator[tuple[str, str]]:
+    law, estimator, given = LAWS[config.law.name], ESTIMATORS[config.estimator.name], config.estimator.options
+    missing = sorted(set(law.needs) - estimator.gives - {"V"})
+    if missing:
+        able = [name for name, other in ESTIMATORS.items() if set(law.needs) <= other.gives | {"V"}]
+        yield "estimator.name", f"law {law.name} needs {', '.join(missing)}, which only {' or '.join(able)} gives"
+    unknown = sorted(set(given) - set(estimator.options))
+    yield from (("estimator." + k, f"no option of {estimator.name}{nearest(k, estimator.options)}") for k in unknown)
+    if "sigma_m" in given:
+        yield "estimator.sigma_m", "set ranging.sigma_m instead: a flight gives the estimator that, range by range"
+    known = {key: value for key, value in given.items() if key in estimator.options and key != "sigma_m"}
+    context = estimator_context(guidance)
+    yield from _refused("estimator", known, lambda options: estimator.parameters(options, context))
+
+
+def _refused(
+    section: str, given: dict[str, float], build: Callable[[dict[str, float]], object]
+) -> Iterator[tuple[str, str]]:
+    """Yield every fault that `build` finds in the options: those it names are set aside, for it to find the next."""
+    left = dict(given)
+    while True:
+        try:
+            build(left)
+        except ValueError as error:
+            named = [word for word in re.findall(r"\w+", str(error)) if word in left]
+            yield f"{section}.{named[0] if named else 'name'}", str(error)
+            if not named:
+                return
+            left = {key: value for key, value in left.items() if key not in named}
+        else:
+            return
 
 
 MAVSDK_LEAST_HZ = 20.0
@@ -136,7 +167,13 @@ def _study_checks(config: Config) -> Iterator[tuple[str, str]]:
 
 
 def _age_checks(ranging: Ranging) -> Iterator[tuple[str, str]]:
-    if ranging.latency_s >= ranging.max_age_s:
+    if ranging.latency_s >= TRAIL_S:
+        yield (
+            "ranging.latency_s",
+            f"{ranging.latency_s:g} s: what was flown is remembered for {TRAIL_S:g} s, so every range would be too "
+            "old to be used; give less, or take a quicker sensor",
+        )
+    elif ranging.latency_s >= ranging.max_age_s:
         yield (
             "ranging.latency_s",
             f"{ranging.latency_s:g} s is not below max_age_s, {ranging.max_age_s:g} s: every range would be stale",

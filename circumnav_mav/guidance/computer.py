@@ -91,11 +91,7 @@ class GuidanceComputer:
         self._settings = s
         self._law: Law = LAWS[s.law]
         self._parameters = self._law.parameters({**self._law.options, **s.law_options}, s.context)
-        side = 1.0 if s.clockwise else -1.0
-        context = EstimatorContext(
-            r_a=s.context.r_a, V=s.context.V, turn_rate_limit=s.context.turn_rate_limit, side=side
-        )
-        self.estimator = make(s.estimator, s.estimator_options, context)
+        self.estimator = make(s.estimator, s.estimator_options, estimator_context(s))
         missing = set(self._law.needs) - self.estimator.gives - {"V"}
         if missing:
             raise ValueError(
@@ -216,6 +212,12 @@ class GuidanceComputer:
     def sample_age_s(self, now_s: float) -> float:
         """Return the age of the newest range that was used; huge before the first."""
         return now_s - self._fresh_s
+
+
+def estimator_context(s: GuidanceSettings) -> EstimatorContext:
+    """Return what an estimator's parameters are made from."""
+    side = 1.0 if s.clockwise else -1.0
+    return EstimatorContext(r_a=s.context.r_a, V=s.context.V, turn_rate_limit=s.context.turn_rate_limit, side=side)
 
 
 def band_of(s: GuidanceSettings) -> Band:

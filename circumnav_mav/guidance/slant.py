@@ -37,3 +37,8 @@ def level(
         return Level(nan, nan, nan, True)
     r = sqrt(R * R - h * h)
     return Level(r, (R * R_dot - h * h_dot) / r, hypot(R * sigma_R, h * sigma_h) / r, False)
+
+
+def least_level(h: float, steepest: float = STEEPEST) -> float:
+    """Return the least horizontal range [m] that `level` gives at a height h [m] above, or below, the target."""
+    return abs(h) * steepest / sqrt(1.0 - steepest * steepest)

@@ -60,6 +60,7 @@ class _Receiver:
         self.heard: dict[Channel, float] = {}
         """The last range [m] of every channel heard, flown on or not: what from, sensor_id, beacon_id choose from."""
         self._settings = settings
+        self._names_beacon = source.has_beacon_id
         stuck_s = settings.stuck_s
         if stuck_s is None:
             stuck_s = STUCK_S if source.resolution_m <= FINE_RESOLUTION_M else 0.0
@@ -118,10 +119,13 @@ class _Receiver:
             return Rejected(
                 now_s, Reason.WRONG_SENSOR, f"sensor {reading.sensor_id}, ranging.sensor_id is {want.sensor_id}"
             )
-        if want.beacon_id is not None and reading.beacon_id not in (None, want.beacon_id):
-            return Rejected(
-                now_s, Reason.WRONG_BEACON, f"beacon {reading.beacon_id}, ranging.beacon_id is {want.beacon_id}"
-            )
+        if want.beacon_id is not None and reading.beacon_id != want.beacon_id:
+            if reading.beacon_id is not None:
+                detail = f"beacon {reading.beacon_id}, ranging.beacon_id is {want.beacon_id}"
+                return Rejected(now_s, Reason.WRONG_BEACON, detail)
+            if self._names_beacon:  # whose it is cannot be told: flown on, it would lock the wanted beacon out
+                detail = f"a range without a beacon's id, ranging.beacon_id is {want.beacon_id}"
+                return Rejected(now_s, Reason.WRONG_BEACON, detail)
         return None
 
     def _match_channel(self, channel: Channel, now_s: float) -> Rejected | None:

@@ -44,6 +44,7 @@ def test_every_fault_is_reported_at_once_with_its_line():
         ("law: {name: tangent}\nestimator: {name: direct}", "which only drift gives"),
         ("law: {kapa: 2}", "did you mean 'kappa'"),
         ("law: {kappa: 3, k: 0.06}", "not both"),
+        ("estimator: {sigma_m: 2}", "estimator.sigma_m: set ranging.sigma_m instead"),
         ("estimator: {gate_sigma: 3}", "did you mean 'gate_sigmas'"),
         ("vehicle: {link: serial}", "udpin://"),
         ("vehicle: {link: 'udpout://:14580'}", "address"),
@@ -63,6 +64,7 @@ def test_every_fault_is_reported_at_once_with_its_line():
         ("ranging: &a {source: lines, json: [*a]}", "contains itself"),
         ("orbit: " + "[" * 5000, "nested too deeply"),
         ("ranging: {latency_s: 1.0, max_age_s: 1.0}", "every range would be stale"),
+        ("ranging: {latency_s: 2, max_age_s: 3}", "ranging.latency_s: 2 s: what was flown is remembered for 2 s"),
         ("ranging: {coast_s: 0.9, max_age_s: 1.0}", "is below max_age_s"),
         ("orbit: {radius_m: true}", "must be a number, not true"),
         ("law: {kappa: yes}", "must be a number, not true"),
@@ -72,6 +74,29 @@ def test_every_fault_is_reported_at_once_with_its_line():
 )
 def test_faults_say_what_and_what_to_do(text, words):
     assert any(words in line for line in faults(text)), faults(text)
+
+
+@pytest.mark.parametrize(
+    ("text", "places"),
+    [
+        ("estimator: {name: drift, gate_sigmas: 0}", ["estimator.gate_sigmas"]),
+        (
+            "estimator: {name: direct, accel_m_s2: -1, gate_sigmas: 0}",
+            ["estimator.gate_sigmas", "estimator.accel_m_s2"],
+        ),
+        ("estimator: {name: drift, gate_sigmas: 0, gat: 1}", ["estimator.gat", "estimator.gate_sigmas"]),
+        ("law: {name: tangent, reach_s: -1, gain_per_s: 0}", ["law.reach_s", "law.gain_per_s"]),
+        ("law: {name: sliding_mode, slope: 0, closing_share: 1}", ["law.slope", "law.closing_share"]),
+        ("law: {name: pd_bias, kappa: 3, damping: 5}", ["law.kappa"]),
+        ("law: {k: 1.0e-9}", ["law.k"]),
+        ("law: {k: 1.0e+308}", ["law.k"]),
+        ("law: {kappa: 3, k: 0.06}", ["law.kappa"]),
+        ("orbit: {radius_m: 4, speed_m_s: 5}\nlaw: {name: tangent}", ["orbit.radius_m"]),
+        ("orbit: {radius_m: 4, speed_m_s: 5}\nlaw: {name: tangent, reach_s: 0}", ["orbit.radius_m", "law.reach_s"]),
+    ],
+)
+def test_each_option_that_cannot_fly_is_named_once(text, places):
+    assert [line.split(": ")[1] for line in faults(text)] == places
 
 
 def test_an_alias_may_be_used_twice_and_ages_may_meet():

@@ -211,6 +211,17 @@ class TestLines:
         assert two.range_m == pytest.approx(9.0)
         assert math.isnan(two.range_rate_m_s) and two.beacon_id is None
 
+    def test_a_range_without_an_id_is_not_the_beacon_that_is_wanted(self):
+        options = {"pattern": self.PATTERN}
+        assert outcome(receive("lines", "D=9\nD=12.5 #31\nD=13 #4\n", options=options, beacon_id=31)) == [
+            "wrong_beacon",  # flown on, it would lock out the one that comes next
+            12.5,
+            "wrong_beacon",
+        ]
+        assert outcome(receive("lines", "D=9\n", options=options)) == [9.0]
+        nameless = receive("omnipresense", '{"unit":"m", "range":1.2}\r\n', beacon_id=31)
+        assert outcome(nameless) == [1.2]  # the source has no ids, and `check` says that the key does nothing
+
     def test_lines_to_ignore_and_lines_not_understood(self):
         data = "boot v1.2\nhello\nD=12.0\nD=e\nD=12.0 #zz\n"
         results = decode("lines", data, pattern=self.PATTERN, ignore="^boot")

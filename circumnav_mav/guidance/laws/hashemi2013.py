@@ -53,7 +53,7 @@ def gain(options: Mapping[str, float], r_a: float) -> float:
     if isnan(kappa):
         kappa = DEFAULT_KAPPA
     if not isfinite(kappa):
-        raise ValueError("the gain must be a finite number")
+        raise ValueError("kappa = k * radius_m must be a finite number")
     if kappa < KAPPA_LEAST:
         raise ValueError(
             f"kappa = k * radius_m is {kappa:.4g}, but no orbit exists below 1: "

@@ -35,11 +35,12 @@ def parameters(options: Mapping[str, float], context: LawContext) -> Parameters:
     for name, value in given.items():
         if not value > 0.0:
             raise ValueError(f"{name} must be above 0, not {value}")
-    if given["closing_share"] >= 1.0:
-        raise ValueError(f"closing_share must stay below 1 (no vehicle closes faster than it flies), not {given}")
+    closing = given["closing_share"]
+    if closing >= 1.0:
+        raise ValueError(f"closing_share must stay below 1 (no vehicle closes faster than it flies), not {closing}")
     V, r_a = context.V, context.r_a
     omega = full_turn(given["turn_share"], context)
-    return Parameters(r_a, omega, given["slope"] * V / r_a, given["closing_share"] * V, given["layer_share"] * V)
+    return Parameters(r_a, omega, given["slope"] * V / r_a, closing * V, given["layer_share"] * V)
 
 
 OPTIONS = {"turn_share": 1.0, "slope": 2.0, "closing_share": 0.8, "layer_share": 0.1}
