@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from math import isfinite
 from pathlib import Path
@@ -10,7 +10,7 @@ from typing import Annotated, NoReturn
 
 import typer
 
-from circumnav_mav.writable import refusal, refusal_of_folder
+from circumnav_mav.writable import refusal, refusal_of_folder, takes_once, write_anew
 
 Seed = Annotated[int, typer.Option(help="of every random draw", min=0, max=2**63 - 1)]
 JsonFile = Annotated[Path | None, typer.Option("--json", help="write the figures to this file")]
@@ -18,6 +18,7 @@ Workers = Annotated[int | None, typer.Option(help="threads; default one a core",
 Scheduler = Annotated[str | None, typer.Option(help="a Dask scheduler, tcp://HOST:PORT, instead of threads")]
 Several = list[str] | None
 EXIT_USAGE = 2
+EXIT_INTERRUPTED = 130
 
 
 def study(
@@ -100,20 +101,32 @@ def compare(
         best_law, best_estimator = study_compare.BEST
         laws = law or (list(LAWS) if everything else [best_law])
         estimators = estimator or (list(ESTIMATORS) if everything else [best_estimator])
-        with executor(scheduler) as pool, _bar("flying") as tell:
-            rows = study_compare.compare(
-                scenario or list(SCENARIOS),
-                laws,
-                estimators,
-                runs,
-                seed,
-                lambda title, done, whole: tell(done, whole),
-                workers,
-                pool,
-            )
-        typer.echo(study_compare.table(rows))
-        if json is not None:
-            json.write_text(study_compare.to_json(rows), encoding="utf-8")
+        rows: list[study_compare.Row] = []
+        with executor(scheduler) as pool, _bar("flying") as bar:
+
+            def keep(row: study_compare.Row) -> None:
+                rows.append(row)
+                if json is not None and not takes_once(json):
+                    write_anew(json, study_compare.to_json(rows))
+                if len(rows) == 1:
+                    bar.echo(study_compare.header())
+                bar.echo(study_compare.line(row))
+
+            try:
+                study_compare.compare(
+                    scenario or list(SCENARIOS),
+                    laws,
+                    estimators,
+                    runs,
+                    seed,
+                    lambda title, done, whole: bar(done, whole),
+                    workers,
+                    pool,
+                    keep,
+                )
+            finally:
+                if json is not None and rows and takes_once(json):
+                    json.write_text(study_compare.to_json(rows), encoding="utf-8")
 
 
 def tune(
@@ -191,16 +204,37 @@ def register(app: typer.Typer) -> None:
         app.command()(command)
 
 
-@contextmanager
-def _bar(title: str) -> Iterator[Callable[[int, int], None]]:
-    """Show a progress bar on standard error; yield what is to be called with (done, of how many)."""
-    from rich.console import Console
-    from rich.progress import Progress
+class _Bar:
+    """A progress bar on standard error; called with (done, of how many)."""
 
-    console = Console(stderr=True)
-    with Progress(console=console, transient=True, disable=not console.is_terminal) as bar:
-        task = bar.add_task(title, total=None)
-        yield lambda done, whole: bar.update(task, completed=done, total=whole)
+    def __init__(self, title: str) -> None:
+        from rich.console import Console
+        from rich.progress import Progress
+
+        console = Console(stderr=True)
+        self._shown = console.is_terminal
+        # what is printed stays on standard output: rich would lead it to the console of the bar
+        self.progress = Progress(console=console, transient=True, disable=not self._shown, redirect_stdout=False)
+        self._task = self.progress.add_task(title, total=None)
+
+    def __call__(self, done: int, whole: int) -> None:
+        self.progress.update(self._task, completed=done, total=whole)
+
+    def echo(self, text: str) -> None:
+        """Print a line on standard output; the bar makes room for it."""
+        if self._shown:
+            self.progress.stop()
+        typer.echo(text)
+        if self._shown:
+            self.progress.start()
+
+
+@contextmanager
+def _bar(title: str) -> Iterator[_Bar]:
+    """Show a progress bar as long as this lasts."""
+    bar = _Bar(title)
+    with bar.progress:
+        yield bar
 
 
 @contextmanager
@@ -217,6 +251,8 @@ def _in_words() -> Iterator[None]:
         yield
     except ValueError as error:
         _fail(str(error))
+    except KeyboardInterrupt:
+        _fail("interrupted", EXIT_INTERRUPTED)
     except BrokenPipeError:
         raise  # who reads has had enough: `circumnav study | head`
     except OSError as error:
@@ -230,9 +266,9 @@ def _before_the_work(files: list[Path | None], folder: Path | None = None) -> No
             _fail(trouble)
 
 
-def _fail(text: str) -> NoReturn:
+def _fail(text: str, code: int = EXIT_USAGE) -> NoReturn:
     typer.echo(f"circumnav: {text}", err=True)
-    raise typer.Exit(EXIT_USAGE)
+    raise typer.Exit(code)
 
 
 def _pair(text: str) -> tuple[float, float]:
