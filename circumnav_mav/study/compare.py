@@ -16,7 +16,7 @@ from circumnav_mav.study.scenarios import SCENARIOS, Scenario
 from circumnav_mav.study.simulate import Pilot, simulate
 
 BEST = ("tangent", "drift")
-"""The law and the estimator that fly by default."""
+"""The law and the estimator that planes fly by default."""
 
 LOST_SHARE = 0.25
 """A run is lost when the rms of its tail is above this share of r_a."""
