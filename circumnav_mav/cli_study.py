@@ -45,6 +45,7 @@ def study(
     """Reproduce the paper's simulations: mean squares against the gain, calm and in wind, with confidence intervals."""
     _before_the_work([json, save], figures)
     with _extras(), _in_words():
+        from circumnav_mav import bar
         from circumnav_mav.study import paper, paper_figures
         from circumnav_mav.study.scheduler import executor
 
@@ -61,7 +62,7 @@ def study(
                 law=law,
                 estimator=estimator,
             )
-            with executor(scheduler) as pool, _bar("flying") as tell:
+            with executor(scheduler) as pool, bar.shown("flying") as tell:
                 result = paper.run(options, tell, pool)
         typer.echo(f"{result.steps} trajectory-steps in {result.elapsed_s:.2f} s: {result.rate_hz:.3g} a second")
         for air in paper.AIRS:
@@ -71,7 +72,7 @@ def study(
             paper.save(result, save)
             typer.echo(f"\nkept       {save}")
         if figures is not None:
-            with _bar("drawing") as tell:
+            with bar.shown("drawing") as tell:
                 files = paper_figures.draw(result, figures, tell)
             typer.echo(f"\n{len(files)} figures in {figures}/")
         if json is not None:
@@ -92,6 +93,7 @@ def compare(
     """Fly laws and estimators over the named scenarios, many seeds each, and print a row for each."""
     _before_the_work([json])
     with _extras(), _in_words():
+        from circumnav_mav import bar
         from circumnav_mav.guidance.estimators import ESTIMATORS
         from circumnav_mav.guidance.laws import LAWS
         from circumnav_mav.study import compare as study_compare
@@ -102,15 +104,15 @@ def compare(
         laws = law or (list(LAWS) if everything else [best_law])
         estimators = estimator or (list(ESTIMATORS) if everything else [best_estimator])
         rows: list[study_compare.Row] = []
-        with executor(scheduler) as pool, _bar("flying") as bar:
+        with executor(scheduler) as pool, bar.shown("flying") as above:
 
             def keep(row: study_compare.Row) -> None:
                 rows.append(row)
                 if json is not None and not takes_once(json):
                     write_anew(json, study_compare.to_json(rows))
                 if len(rows) == 1:
-                    bar.echo(study_compare.header())
-                bar.echo(study_compare.line(row))
+                    above.echo(study_compare.header())
+                above.echo(study_compare.line(row))
 
             try:
                 study_compare.compare(
@@ -119,7 +121,7 @@ def compare(
                     estimators,
                     runs,
                     seed,
-                    lambda title, done, whole: bar(done, whole),
+                    lambda title, done, whole: above(done, whole),
                     workers,
                     pool,
                     keep,
@@ -157,6 +159,7 @@ def tune(
     plot = None if no_plot else plot or out.with_suffix(".png")
     _before_the_work([out, plot, json])
     with _extras(), _in_words():
+        from circumnav_mav import bar
         from circumnav_mav.config import load
         from circumnav_mav.study import tune as search
         from circumnav_mav.study import tune_report
@@ -170,7 +173,7 @@ def tune(
             seen = look(from_log)
             aircraft = aircraft.as_seen(seen)
             typer.echo(f"from the log: {seen}")
-        with executor(scheduler) as pool, _bar("searching") as tell:
+        with executor(scheduler) as pool, bar.shown("searching") as tell:
             tuned = search.tune(
                 settings,
                 aircraft,
@@ -202,39 +205,6 @@ def register(app: typer.Typer) -> None:
     """Add the offline commands to the command line."""
     for command in (study, compare, tune):
         app.command()(command)
-
-
-class _Bar:
-    """A progress bar on standard error; called with (done, of how many)."""
-
-    def __init__(self, title: str) -> None:
-        from rich.console import Console
-        from rich.progress import Progress
-
-        console = Console(stderr=True)
-        self._shown = console.is_terminal
-        # what is printed stays on standard output: rich would lead it to the console of the bar
-        self.progress = Progress(console=console, transient=True, disable=not self._shown, redirect_stdout=False)
-        self._task = self.progress.add_task(title, total=None)
-
-    def __call__(self, done: int, whole: int) -> None:
-        self.progress.update(self._task, completed=done, total=whole)
-
-    def echo(self, text: str) -> None:
-        """Print a line on standard output; the bar makes room for it."""
-        if self._shown:
-            self.progress.stop()
-        typer.echo(text)
-        if self._shown:
-            self.progress.start()
-
-
-@contextmanager
-def _bar(title: str) -> Iterator[_Bar]:
-    """Show a progress bar as long as this lasts."""
-    bar = _Bar(title)
-    with bar.progress:
-        yield bar
 
 
 @contextmanager
