@@ -8,7 +8,6 @@ only; 70 a fault of the app itself.
 from __future__ import annotations
 
 import os
-import subprocess
 import sys
 from math import inf
 from pathlib import Path
@@ -84,7 +83,11 @@ def fly_command(
     json: JsonPath = None,
     duration: Duration = None,
     wait: Annotated[
-        float, typer.Option(help="give up if autopilot or range is not heard by then [s]; 0: never", min=0)
+        float,
+        typer.Option(
+            help="give up if autopilot or range is not heard by then [s] (fit to fly: three times that); 0: never",
+            min=0,
+        ),
     ] = 60.0,
 ) -> None:
     """Fly a real autopilot (or a simulator) with a configuration."""
@@ -161,7 +164,7 @@ def ranging(
 @app.command(context_settings={"allow_extra_args": True, "ignore_unknown_options": True, "help_option_names": []})
 def stub(context: typer.Context) -> None:
     """Run the vehicle stub alone; `circumnav stub --help` lists its options."""
-    raise typer.Exit(subprocess.call([sys.executable, "-m", "sitl_stub", *context.args]))
+    os.execv(sys.executable, [sys.executable, "-m", "sitl_stub", *context.args])  # a kill must reach it
 
 
 cli_study.register(app)

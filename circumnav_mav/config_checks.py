@@ -17,6 +17,9 @@ from circumnav_mav.ranging.receiver import check_options
 if TYPE_CHECKING:
     from circumnav_mav.config import Config, Ranging
 
+LEAST_PITCH_DEG = -0.5
+"""A flatter nose than this pulls nothing along."""
+
 
 def nearest(word: str, known: Iterable[object]) -> str:
     """Return `, did you mean '...'?` for the known word that is most like it; empty where none is."""
@@ -104,6 +107,11 @@ def _vehicle_checks(config: Config) -> Iterator[tuple[str, str]]:
             "vehicle.pitch_deg",
             f"{vehicle.name} measures no speed: give the pitch (nose up, so below 0) at which the vehicle flies "
             f"orbit.speed_m_s = {orbit.speed_m_s:g} through still air",
+        )
+    elif vehicle.wants_pitch and config.vehicle.pitch_deg is not None and config.vehicle.pitch_deg > LEAST_PITCH_DEG:
+        yield (
+            "vehicle.pitch_deg",
+            f"{config.vehicle.pitch_deg:g} does not fly forward: nose down, below {LEAST_PITCH_DEG:g} degrees",
         )
     if config.vehicle.library == "mavsdk":
         yield from _mavsdk_checks(config)

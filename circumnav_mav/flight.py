@@ -24,7 +24,7 @@ from circumnav_mav.mavlink.autopilot import VehicleState
 from circumnav_mav.mavlink.codec import Frame
 from circumnav_mav.mavlink.engage import AutoEngage, Step
 from circumnav_mav.mavlink.link import AutopilotLink
-from circumnav_mav.mavlink.offboard import Control
+from circumnav_mav.mavlink.offboard import WITH_AUTHORITY, Control
 from circumnav_mav.mavlink.signing import Signer
 from circumnav_mav.mavlink.vehicles import VEHICLES
 from circumnav_mav.mavlink.vehicles.believed import BelievedSpeed
@@ -181,7 +181,7 @@ class Flight:
         """Decide and return (frames to send now, the record of this tick)."""
         link, authority = self.link, self.link.authority
         if self._believed is not None:
-            self._believed.advance(now_s, link.autopilot.state(now_s))
+            self._believed.advance(now_s, link.autopilot.state(now_s), on_ground=link.autopilot.in_air is False)
         self._look_out(now_s)
         self._ticked_s = now_s
         self._follow_operator(now_s)
@@ -274,7 +274,7 @@ class Flight:
         if self.unfit is not None:
             return self.unfit.text
         if phase is Phase.READY and self._auto is not None and self._auto.step is not Step.LEFT_TO_PILOT:
-            return self._auto.step.value
+            return self.link.authority.rival_words(self._ticked_s) or self._auto.step.value
         return self._encoder.lacks if phase is Phase.READY else ""
 
     def _status(self, now_s: float) -> Status:
@@ -300,7 +300,7 @@ class Flight:
     def _judge(self, now_s: float) -> None:
         """Look whether the autopilot is the one for this vehicle class; say when a pilot may engage."""
         ap, before = self.link.autopilot, self.unfit
-        self.unfit = self._fitness.unfit(ap, now_s, held=self.link.authority.control in (Control.ASKED, Control.HELD))
+        self.unfit = self._fitness.unfit(ap, now_s, held=self.link.authority.control in WITH_AUTHORITY)
         if self.unfit is not None:
             if self.link.authority.control is not Control.RELEASED:
                 self.link.ask_for(self._fitness.ask_again(ap, now_s))
@@ -351,7 +351,9 @@ class Flight:
             for command in self._encoder.engaged(self.link.autopilot.state(now_s), self.computer.hold_height_m):
                 self.link.commands.add(command)
         self._invited = False
-        self.notices.say(now_s, f"{phase}: {decision.reason}", TEXT_SEVERITY.get(phase, INFO))
+        unfit = self.unfit if phase is Phase.WAITING_AUTOPILOT else None
+        reason = decision.reason if unfit is None else unfit.text
+        self.notices.say(now_s, f"{phase}: {reason}", TEXT_SEVERITY.get(phase, INFO))
 
     def _hand_over(self, now_s: float, phase: Phase) -> None:
         """Give back what is held without a range or against a cause to break off: every time, not only the first."""

@@ -55,6 +55,8 @@ class Notices:
         if self._link.signs_at_us and self.once("signing"):
             text = "the autopilot signs its messages: without vehicle.signing_key_file it obeys nothing"
             self.tell(now_s, text, WARNING)
+        if (words := self._link.authority.rival_words(now_s)) and self.once("rival"):
+            self.say(now_s, words, WARNING)
         ap = self._link.autopilot
         if ap.only is None and ap.strangers and self.once("strangers"):
             others = ", ".join(f"system {n}" for n in sorted(ap.strangers))

@@ -67,7 +67,7 @@ class Audit:
                 self._decoys += str(result.reason) in ("wrong_source", "decoy_orientation")
             elif now_s >= self._since_s:
                 self._accepted += 1
-        return self.link.is_autopilots(frames)
+        return self.link.autopilot_spoke and not ranging
 
     def tick(self, now_s: float) -> list[bytes]:
         """Return what is to be sent: heartbeat, requests for streams and parameters. Never a setpoint, never a mode."""

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from enum import IntEnum
-from math import inf, nan
+from math import inf, isfinite, nan
 from typing import NamedTuple
 
 from circumnav_mav.config import Config
@@ -75,7 +75,7 @@ def judged(rows: Iterable[Row], f: Facts) -> Iterator[Finding]:
             told.add(row.parameter)
             fix = "listen longer: --seconds 30; or this version of the autopilot does not have it"
             yield Finding(Severity.WARNING, row.parameter, "the autopilot did not say", fix)
-        elif row.holds(value, f):
+        elif isfinite(value) and row.holds(value, f):
             told.add(row.parameter)
             text = row.does.format(v=value, f=f)
             if not text.startswith(f"{value:g} "):

@@ -102,6 +102,20 @@ NO_POSITION: tuple[Row, ...] = (
     ),
     Row(
         "COM_OBL_RC_ACT",
+        lambda v, f: v == 1 and not f.has_rc,
+        ERROR,
+        f"if this app dies: Altitude mode{NO_STICKS}it sinks at 0.7 m/s and drifts",
+        "set COM_OBL_RC_ACT to 4 (Land), or have a pilot at the sticks",
+    ),
+    Row(
+        "COM_OBL_RC_ACT",
+        is_(0, 2, 6, 7),
+        ERROR,
+        "if this app dies: a mode that needs sticks or a position, or none; it sinks or drifts",
+        "set COM_OBL_RC_ACT to 4 (Land), or to 1 (Altitude) with a pilot at the sticks",
+    ),
+    Row(
+        "COM_OBL_RC_ACT",
         is_(3, 5),
         WARNING,
         "if this app dies: Return or Hold, which needs a position: a vehicle that has none cannot do it",
@@ -228,10 +242,16 @@ ARDUPLANE: tuple[Row, ...] = (
     ),
     Row(
         "TKOFF_ALT",
-        below(lambda f: f.height_m - 1.0),
+        below(lambda f: min(10.0, f.height_m)),
         ERROR,
-        "engage: auto climbs to {v:g} m, and orbit.height_m is {f.height_m:g}",
-        "set TKOFF_ALT to orbit.height_m",
+        "its mode Takeoff climbs to {v:g} m: engage: auto does not begin there",
+        "set TKOFF_ALT to 10 or more",
+    ),
+    Row(
+        "TKOFF_ALT",
+        below(lambda f: f.height_m - 1.0),
+        OK,
+        "{v:g} m, the height that its mode Takeoff climbs to; the rest to orbit.height_m is climbed once engaged",
     ),
     Row("TKOFF_ALT", any_value, OK, "{v:g} m, the height that its mode Takeoff climbs to"),
     Row(

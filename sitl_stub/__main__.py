@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import argparse
-import hashlib
 import math
 import signal
 import sys
+import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -14,6 +14,7 @@ from sitl_stub import __version__
 from sitl_stub.config import StubConfig
 from sitl_stub.options import parser
 from sitl_stub.server import Endpoint, PortBusy, Pty, Server, TruthLog
+from sitl_stub.signing import key_of
 from sitl_stub.stub import Stub
 
 
@@ -120,7 +121,8 @@ def _config(a: argparse.Namespace) -> StubConfig:
         airspeed_scale=a.airspeed_scale,
         gps=not a.no_gps,
         mavlink_version=a.mavlink,
-        signing_key=hashlib.sha256(a.sign.encode()).digest() if a.sign else b"",
+        unix_start_s=time.time(),
+        signing_key=key_of(a.sign),
         faults=_fault_lines(a),
     )
 

@@ -15,7 +15,7 @@ from sitl_stub.offboard import RatesTarget, Setpoint, Trajectory
 from sitl_stub.params import Parameters
 from sitl_stub.world import calibrated_per_true
 
-UNIX_START_S = 1_767_225_600  # SYSTEM_TIME at boot: simulated flights all begin on 2026-01-01
+UNIX_START_S = 1_767_225_600  # SYSTEM_TIME at the start: flights in lockstep all begin on 2026-01-01
 START_AIRSPEED_M_S = 12.0  # of an airplane that starts in the air
 MAV_TYPE_FIXED_WING, MAV_TYPE_QUADROTOR = 1, 2
 
@@ -32,6 +32,8 @@ class Autopilot:
         self.now_s = 0.0
         self.boot_ms = self.boot_us = 0
         self._boot_s = self._clock_s = 0.0
+        start_s = UNIX_START_S if config.unix_start_s is None else config.unix_start_s
+        self._unix_start_us = self._unix_boot_us = round(start_s * 1e6)
         self.origin_n, self.origin_e = config.start_north_m, config.start_east_m
         self.home_n, self.home_e = self.origin_n, self.origin_e
         yaw = math.pi / 2 - config.start_heading_rad
@@ -73,6 +75,7 @@ class Autopilot:
     def boot(self, now_s: float) -> None:
         """Begin again where it is: time from zero, disarmed in Hold, parameters as configured."""
         self._boot_s = now_s
+        self._unix_boot_us = self._unix_start_us + round(now_s * 1e6)  # the time of day goes on
         self._clock_s = 0.0
         self.commander.boot(now_s + self.config.ready_after_s)
         for name, value in self.config.params.items():
@@ -117,4 +120,4 @@ class Autopilot:
 
     def unix_us(self) -> int:
         """Return the autopilot's idea of the time of day [us]."""
-        return UNIX_START_S * 1_000_000 + self.boot_us
+        return self._unix_boot_us + self.boot_us

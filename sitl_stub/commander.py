@@ -96,7 +96,8 @@ class Commander:
         if self.armed:
             return ACCEPTED
         blind = self.intention is Mode.OFFBOARD and not self._offboard_fresh(now_s)
-        if now_s < self.ready_s or self.refuse_arming or self.mode is Mode.TERMINATION or blind:
+        lacking = blind or not self._has_what_it_needs(self.intention, now_s)
+        if now_s < self.ready_s or self.refuse_arming or self.mode is Mode.TERMINATION or lacking:
             self._say(CRITICAL_TEXT, "Arming denied: Resolve system health failures first\t")
             return TEMPORARILY_REJECTED
         self.armed, self._armed_s, self._flew = True, now_s, False
@@ -164,9 +165,9 @@ class Commander:
 
     @property
     def checks_pass(self) -> bool:
-        """Whether PX4's checks pass, which SYS_STATUS shows: ready, and not in a stick mode without sticks."""
-        stickless = self.mode in STICK_MODES and not self.sticks_ok(self._now_s)
-        return self._now_s >= self.ready_s and not self.disarmed_by_failsafe and not stickless
+        """Whether PX4's checks pass, which SYS_STATUS shows: ready, and the mode has the sticks or place it needs."""
+        ready = self._now_s >= self.ready_s and not self.disarmed_by_failsafe
+        return ready and self._has_what_it_needs(self.mode, self._now_s)
 
     @property
     def landed(self) -> bool:
@@ -188,9 +189,13 @@ class Commander:
         if mode is Mode.OFFBOARD:
             just_now = now_s - self.last_setpoint_s < CHECK_PERIOD_S
             return not self.refuse_offboard and (self.offboard_ok or (just_now and self._offboard_fresh(now_s)))
-        if mode in STICK_MODES and not self.sticks_ok(now_s):
-            return False
         if mode is Mode.MISSION and not self.has_mission:
+            return False
+        return self._has_what_it_needs(mode, now_s)
+
+    def _has_what_it_needs(self, mode: Mode, now_s: float) -> bool:
+        """Whether there are sticks for a mode flown with them, and a position for one that needs it."""
+        if mode in STICK_MODES and not self.sticks_ok(now_s):
             return False
         return self.position_ok or mode not in POSITION_MODES
 

@@ -27,7 +27,11 @@ CAPABILITIES, PX4_VERSION = 59647, 0x011000FF  # 1.16.0 release
 MODE_LEAST_S = 0.5  # CURRENT_MODE follows vehicle_status: 2 Hz at most, and at once on a change
 Params = tuple[float, ...]
 
-MODE_COMMANDS = {17: Mode.HOLD, 20: Mode.RTL, 21: Mode.LAND, 22: Mode.TAKEOFF, 192: Mode.HOLD, 300: Mode.MISSION}
+NAV_TAKEOFF, DO_REPOSITION = 22, 192
+CHANGE_MODE = 1  # DO_REPOSITION's flag in param2: without it PX4 does nothing
+MODE_COMMANDS = {
+    17: Mode.HOLD, 20: Mode.RTL, 21: Mode.LAND, NAV_TAKEOFF: Mode.TAKEOFF, DO_REPOSITION: Mode.HOLD, 300: Mode.MISSION,
+}  # fmt: skip
 
 INT32_MOST = 2**31 - 1
 
@@ -38,12 +42,15 @@ def take(stub: Stub, link: Link, message: Message, command: int, p: Params) -> N
         _ack(stub, link, message, command, ACCEPTED)
         mode = mode_of(_whole(p[1]), _whole(p[2])) if _whole(p[0]) & 1 else None
         _request_mode(stub, link, message, command, mode)
+    elif command == DO_REPOSITION and not _whole(p[1]) & CHANGE_MODE:
+        _ack(stub, link, message, command, UNSUPPORTED, COMMANDER_DELAY_S)
     elif command in MODE_COMMANDS:
-        if command == 22:
+        if _request_mode(stub, link, message, command, MODE_COMMANDS[command]) != ACCEPTED:
+            return
+        if command == NAV_TAKEOFF:
             stub.autopilot.pilot.take_off_to(p[6] - HOME_AMSL_M)
-        elif command == 192:
+        elif command == DO_REPOSITION:
             stub.autopilot.pilot.go_to(*_place(p))
-        _request_mode(stub, link, message, command, MODE_COMMANDS[command])
     elif command in _BY_COMMANDER:
         _ack(stub, link, message, command, _BY_COMMANDER[command](stub, p), COMMANDER_DELAY_S)
     elif command in _BY_RECEIVER:
@@ -64,11 +71,12 @@ def set_mode(stub: Stub, link: Link, message: Message, custom_mode: int) -> None
     _request_mode(stub, link, message, 176, mode_of((custom_mode >> 16) & 0xFF, custom_mode >> 24))
 
 
-def _request_mode(stub: Stub, link: Link, message: Message, command: int, mode: Mode | None) -> None:
+def _request_mode(stub: Stub, link: Link, message: Message, command: int, mode: Mode | None) -> int:
     result = TEMPORARILY_REJECTED
     if mode is not None:
         result = stub.autopilot.commander.request_mode(mode, stub.now_s, message.compid)
     _ack(stub, link, message, command, result, COMMANDER_DELAY_S)
+    return result
 
 
 def _ack(stub: Stub, link: Link, message: Message, command: int, result: int, after_s: float = 0.0) -> None:

@@ -28,6 +28,7 @@ class StubConfig:
     airframe: str = "multirotor"  # or "fixed_wing"
     system_id: int = 1
     params: Mapping[str, float] = field(default_factory=dict)  # PX4 parameters that differ from a stock SITL
+    unix_start_s: float | None = None  # time of day at t = 0; None: 2026-01-01 in lockstep, now over sockets
     ready_after_s: float = 1.0  # arming is refused until then (a real PX4: 6 to 8 s)
 
     start_east_m: float = 0.0
@@ -92,6 +93,7 @@ BOUNDS: dict[str, tuple[float, float]] = {
     "seed": (-(2**63), 2**63),
     "step_s": (0.001, 0.02),
     "system_id": (1, 255),
+    "unix_start_s": (0.0, 4e9),
     "ready_after_s": (0.0, 1e9),
     "start_east_m": (-_FAR_M, _FAR_M),
     "start_north_m": (-_FAR_M, _FAR_M),
@@ -167,6 +169,8 @@ def _wrong_words(c: StubConfig) -> Iterator[str]:
         yield f"mavlink_version {c.mavlink_version} is neither 1 nor 2"
     if not isinstance(c.signing_key, bytes) or len(c.signing_key) not in (0, 32):
         yield "signing_key is not 32 bytes"
+    elif c.signing_key and c.mavlink_version == 1:
+        yield "signing_key with mavlink_version 1: only MAVLink 2 can be signed, leave one of the two out"
 
 
 def _wrong_windows(c: StubConfig) -> Iterator[str]:

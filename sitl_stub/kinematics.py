@@ -90,6 +90,12 @@ class Multirotor:
         self.thrust = 0.0
         self.hover_thrust = 0.489
         self._felt_n = self._felt_e = 0.0  # wind that the loop's integrator has taken up
+        self.limit_tilt(45.0)
+
+    def limit_tilt(self, most_deg: float) -> None:
+        """Let `step_velocity` tilt no further than this [deg]."""
+        self.tilt_max_deg = most_deg
+        self._pull_max = G * math.tan(math.radians(min(max(most_deg, 0.0), 89.0)))
 
     def set_moving(self, speed_m_s: float, wind_n: float, wind_e: float) -> None:
         """Start in steady forward flight in a steady wind."""
@@ -117,11 +123,18 @@ class Multirotor:
         self.ve = ve + lag.xx * off_e + lag.xd * self.ae + push_e * dt
         self.an = lag.dx * off_n + lag.dd * self.an
         self.ae = lag.dx * off_e + lag.dd * self.ae
+        # What the tilt has to give: acceleration and the pull of the air.
+        pull_n, pull_e = self.an + DRAG_PER_S * (self.vn - wind_n), self.ae + DRAG_PER_S * (self.ve - wind_e)
+        if pull_n * pull_n + pull_e * pull_e > self._pull_max * self._pull_max:  # it gives no more than its limit
+            share, slow = self._pull_max / math.hypot(pull_n, pull_e), 1.0 + DRAG_PER_S * dt
+            pull_n, pull_e = pull_n * share, pull_e * share
+            self.an = (pull_n - DRAG_PER_S * (old_n + push_n * dt - wind_n)) / slow
+            self.ae = (pull_e - DRAG_PER_S * (old_e + push_e * dt - wind_e)) / slow
+            self.vn, self.ve = old_n + (self.an + push_n) * dt, old_e + (self.ae + push_e) * dt
         self.vu = vu + (old_u - vu) * self._climb_keep
         self._turn(yaw_rate)
         self._move(old_n, old_e, old_u)
-        # The tilt that this takes: acceleration and the pull of the air, seen along the nose and to the right of it.
-        pull_n, pull_e = self.an + DRAG_PER_S * (self.vn - wind_n), self.ae + DRAG_PER_S * (self.ve - wind_e)
+        # Seen along the nose and to the right of it.
         cos_yaw, sin_yaw = math.cos(self.yaw), math.sin(self.yaw)
         pitch = -math.atan2(pull_n * cos_yaw + pull_e * sin_yaw, G)
         roll = math.atan2(pull_e * cos_yaw - pull_n * sin_yaw, G)

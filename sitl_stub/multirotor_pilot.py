@@ -70,6 +70,8 @@ class MultirotorPilot:
         """Fly one step in the commander's mode."""
         commander, v = self.commander, self.vehicle
         mode = commander.mode
+        if (tilt_deg := self.params["MPC_TILTMAX_AIR"]) != v.tilt_max_deg:
+            v.limit_tilt(float(tilt_deg))
         if mode is not self._mode:
             self._mode = mode
             self.auto.enter(mode, now_s)

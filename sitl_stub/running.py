@@ -7,6 +7,7 @@ import socket
 import threading
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 
 from sitl_stub.config import StubConfig
 from sitl_stub.server import Endpoint, Server
@@ -21,6 +22,8 @@ class Vehicle:
 
     def __init__(self, config: StubConfig, speed: float = 1.0) -> None:
         self.port, self.gcs_port, self.ranging_port = free_port(), free_port(), 0
+        if config.unix_start_s is None:  # real peers look at the time of day in signatures
+            config = replace(config, unix_start_s=time.time())
         self.stub, self.speed = Stub(config), speed
         endpoints = {"offboard": Endpoint(0, self.port), "gcs": Endpoint(0, self.gcs_port)}
         for link, wanted in (("ranging", config.range_link == "ranging"), ("device", bool(config.device))):

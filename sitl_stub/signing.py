@@ -11,6 +11,13 @@ UNSIGNED_ALLOWED = frozenset({109})  # RADIO_STATUS, made by radios on the way
 OLDEST = 6_000_000  # a new sender may be a minute behind
 
 
+def key_of(passphrase: str | None) -> bytes:
+    """Return the key that MAVProxy and others make of a passphrase; none: no key. ValueError: it is empty."""
+    if passphrase == "":
+        raise ValueError("--sign: the passphrase is empty")
+    return hashlib.sha256(passphrase.encode()).digest() if passphrase is not None else b""
+
+
 class Signer:
     """Signs and checks frames with a key of 32 bytes."""
 

@@ -18,7 +18,7 @@ from sitl_stub.world import HOME_AMSL_M, lat_lon_deg, pressure_hpa
 if TYPE_CHECKING:
     from sitl_stub.autopilot import Autopilot
 
-NAN, HOME_AMSL_MM = math.nan, round(HOME_AMSL_M * 1e3)
+NAN, UNKNOWN, HOME_AMSL_MM = math.nan, 0xFFFF, round(HOME_AMSL_M * 1e3)
 HEARTBEAT, CURRENT_MODE = 0, 436
 ON_GROUND, IN_AIR, TAKING_OFF, LANDING = 1, 2, 3, 4
 # Upper triangles of 6 x 6 matrices with something on the diagonal.
@@ -65,11 +65,10 @@ def highres_imu(a: Autopilot) -> tuple[Any, ...]:
 
 def odometry(a: Autopilot) -> tuple[Any, ...]:
     v = a.vehicle
-    place = (v.n - a.origin_n, v.e - a.origin_e, a.origin_h - v.h)
-    rates = a.body_rates()
+    north, east, vn, ve = _horizontal(a)
     return (
-        a.boot_us, 1, 1, *place, quaternion(v.roll, v.pitch, a.yaw_estimate()), v.vn, v.ve, -v.vu, *rates,
-        COVARIANCE, COVARIANCE, 0, 8, 0,
+        a.boot_us, 1, 1, north, east, a.origin_h - v.h, quaternion(v.roll, v.pitch, a.yaw_estimate()), vn, ve, -v.vu,
+        *a.body_rates(), COVARIANCE, COVARIANCE, 0, 8, 0,
     )  # fmt: skip
 
 
@@ -94,8 +93,8 @@ def attitude_target(a: Autopilot) -> tuple[Any, ...]:
 
 def position_target_local_ned(a: Autopilot) -> tuple[Any, ...]:
     v = a.vehicle
-    place = (v.n - a.origin_n, v.e - a.origin_e, a.origin_h - v.h)
-    return a.boot_ms, 1, 0, *place, v.vn, v.ve, -v.vu, 0.0, 0.0, 0.0, v.yaw, v.yaw_rate
+    north, east, vn, ve = _horizontal(a)
+    return a.boot_ms, 1, 0, north, east, a.origin_h - v.h, vn, ve, -v.vu, 0.0, 0.0, 0.0, v.yaw, v.yaw_rate
 
 
 def servo_output_raw(a: Autopilot) -> tuple[Any, ...]:
@@ -107,19 +106,20 @@ def vfr_hud(a: Autopilot) -> tuple[Any, ...]:
     v = a.vehicle
     throttle = max(0, min(65535, _round(100.0 * _thrust(v.thrust))))
     heading = _round(math.degrees(a.yaw_estimate())) % 360
-    return a.airspeed_estimate(), math.hypot(v.vn, v.ve), heading, throttle, v.h + HOME_AMSL_M, v.vu
+    speed = math.hypot(v.vn, v.ve) if a.commander.position_ok else 0.0
+    return a.airspeed_estimate(), speed, heading, throttle, v.h + HOME_AMSL_M, v.vu
 
 
 def gps_raw_int(a: Autopilot) -> tuple[Any, ...]:
     v = a.vehicle
+    if not a.commander.position_ok:
+        return a.boot_us, 0, 0, 0, 0, UNKNOWN, UNKNOWN, UNKNOWN, UNKNOWN, 255, 0, 0, 0, 0, 0, 0
     lat, lon = lat_lon_deg(v.n, v.e)
     alt = _round((v.h + HOME_AMSL_M) * 1e3)
     course = _round(math.degrees(math.atan2(v.ve, v.vn)) * 100.0) % 36000
-    fix = 3 if a.commander.position_ok else 0
     speed = _round(math.hypot(v.vn, v.ve) * 100.0)
     return (
-        a.boot_us, fix, _round(lat * 1e7), _round(lon * 1e7), alt, 70, 110, speed, course, 10 if fix else 0,
-        alt, 900, 1780, 400, 0, 0,
+        a.boot_us, 3, _round(lat * 1e7), _round(lon * 1e7), alt, 70, 110, speed, course, 10, alt, 900, 1780, 400, 0, 0,
     )  # fmt: skip
 
 
@@ -265,7 +265,7 @@ CONDITIONS: dict[int, Callable[[Autopilot], bool]] = {
     12901: _has_position,
     62: lambda a: a.commander.mode is not Mode.OFFBOARD,
     85: lambda a: not a.fixed_wing or not a.commander.armed or _flies_itself(a),
-    87: _flies_itself,
+    87: lambda a: _flies_itself(a) and _has_position(a),
     231: lambda a: not a.commander.landed,
 }
 
@@ -292,6 +292,14 @@ def quaternion(roll: float, pitch: float, yaw: float) -> tuple[float, float, flo
         cr * sp * cy + sr * cp * sy,
         cr * cp * sy - sr * sp * cy,
     )
+
+
+def _horizontal(a: Autopilot) -> tuple[float, float, float, float]:
+    """Return the local place and velocity [north, east], NaN without a position."""
+    v = a.vehicle
+    if not a.commander.position_ok:
+        return NAN, NAN, NAN, NAN
+    return v.n - a.origin_n, v.e - a.origin_e, v.vn, v.ve
 
 
 def _thrust(thrust: float) -> float:

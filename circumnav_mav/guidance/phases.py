@@ -75,11 +75,11 @@ TABLE: tuple[Row, ...] = (
     Row(_in(Phase.BROKEN_OFF), lambda f: not f.held, Phase.WAITING_RANGE, "handed over"),
     Row(
         _in(Phase.WAITING_RANGE, Phase.READY),
-        lambda f: f.held and not f.fresh,
+        lambda f: f.held and not f.handing_over and not f.fresh,
         Phase.RANGE_LOST,
         "engaged without a range",
     ),
-    Row(_in(Phase.WAITING_RANGE, Phase.READY), lambda f: f.held, Phase.ACQUIRING, "{why}"),
+    Row(_in(Phase.WAITING_RANGE, Phase.READY), lambda f: f.held and not f.handing_over, Phase.ACQUIRING, "{why}"),
     Row(_in(Phase.WAITING_RANGE), lambda f: f.fresh, Phase.READY, "the beacon is heard"),
     Row(_in(Phase.READY), lambda f: not f.fresh, Phase.WAITING_RANGE, "no range from the beacon"),
     Row(WITH_RANGE, lambda f: not f.fresh and not f.coastable, Phase.RANGE_LOST, "no range, and no estimate to carry"),

@@ -12,6 +12,11 @@ from circumnav_mav.guidance.laws.hashemi2013 import inner_radius
 
 Severity = Literal["info", "warning", "error"]
 
+LOSES_IN = 0.2
+"""Wind over speed from where the paper's law is known to lose flights (docs/estimation.md, docs/tuning.md)."""
+MOST_LAPS = 100.0
+"""A bound on the mean time above this many laps is not worth a line."""
+
 
 @dataclass(frozen=True, slots=True)
 class Finding:
@@ -114,7 +119,7 @@ def _bank(f: Flight) -> Iterator[Finding]:
         yield Finding("error", "bank", f"{bank} holds no circle below {calm:.4g} m; the orbit is {f.r_a:.4g} m")
     elif windy > f.r_a:
         text = f"{bank} holds no circle below {windy:.4g} m downwind in {wind:.3g} m/s; the orbit is {f.r_a:.4g} m"
-        yield Finding("warning", "bank", text)
+        yield Finding("error", "bank", text)
 
 
 def _timing(f: Flight) -> Iterator[Finding]:
@@ -158,6 +163,14 @@ def _wind(f: Flight) -> Iterator[Finding]:
     if not 0.0 < f.wind < f.V:
         yield from _wind_plain(f)
         return
+    if f.wind > LOSES_IN * f.V and not f.over_ground:
+        [plain] = _wind_plain(f)
+        text = (
+            f"{plain.text}: above {LOSES_IN:g} of the speed this law loses some flights downwind, whatever the gain; "
+            "law tangent on estimator drift does not"
+        )
+        yield Finding("warning", "wind", text)
+        return
     shift = theory.orbit_shift(f.r_a, f.kappa, f.wind / f.V)
     moved = f"moves the circle by about {shift.size_m:.3g} m with this law"
     if f.over_ground:
@@ -172,6 +185,8 @@ def _wind(f: Flight) -> Iterator[Finding]:
 
 
 def _recurrence(f: Flight) -> Iterator[Finding]:
+    if f.wind > 0.0 and not f.over_ground:
+        return  # proven in calm air only
     orbits, eps = theory.inner_orbits(f.r_a, f.kappa), 0.5 * (theory.eps_max(f.r_a, f.kappa) or 0.0)
     target = theory.recurrent_set(f.r_a, f.kappa, eps)
     bound = theory.recurrence_bound_s(3.0 * f.r_a, pi, f.r_a, f.kappa, f.V, eps)
@@ -179,8 +194,11 @@ def _recurrence(f: Flight) -> Iterator[Finding]:
         text = "kappa is at or below sqrt(5) = 2.24: the paper proves no return to the circle there (it still flies)"
         yield Finding("info", "recurrence", text)
         return
+    if bound > MOST_LAPS * theory.lap_time_s(f.r_a, f.V):
+        return  # just above sqrt(5) it is astronomical, and says nothing
     text = (
-        f"from three radii out and flying away, noise on the range rate or not, the mean time into "
+        f"from three radii out and flying away, noise on the range rate or not, in calm air, without lag and where the "
+        f"turn-rate limit is not met, the mean time into "
         f"{target.inside_m:.4g} ... {target.outside_m:.4g} m is below {bound:.3g} s by the paper's bound; circles of "
         f"{orbits[0]:.3g} and {orbits[1]:.4g} m the wrong way round are unstable equilibria"
     )

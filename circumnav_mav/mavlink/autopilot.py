@@ -98,8 +98,7 @@ class Autopilot:
         self.heard_s: dict[str, float] = {}
         """When each message was last heard."""
         self.battery_pct = self.battery_v = nan
-        self.battery_alarm = False
-        """Whether the autopilot itself calls the battery low (or worse)."""
+        self._batteries_low: dict[int, bool] = {}
         self.sensors: tuple[int, int, int] | None = None
         """MAV_SYS_STATUS_SENSOR present, enabled, healthy."""
         self.reboots = 0
@@ -249,7 +248,12 @@ class Autopilot:
         )
 
     def _battery_status(self, fields: Any, now_s: float) -> None:
-        self.battery_alarm = fields.charge_state in BATTERY_LOW
+        self._batteries_low[fields.id] = fields.charge_state in BATTERY_LOW
+
+    @property
+    def battery_alarm(self) -> bool:
+        """Whether the autopilot itself calls a battery low (or worse)."""
+        return any(self._batteries_low.values())
 
     def turn_rate_rad_s(self, now_s: float, within_s: float = 0.5) -> float:
         """Return the measured turn rate, + counter-clockwise; NaN where none was heard for `within_s`."""

@@ -21,6 +21,8 @@ ARRIVED_WITHIN_M = 1.0
 CLIMB_SLOWEST_M_S = 0.4
 CLIMB_MARGIN_S = 20.0
 LEVEL_CLIMB_M_S = 0.7
+LEAST_CLIMB_M = 10.0
+"""Below it a plane that takes off by itself is hardly clear of the ground, and not to be banked."""
 ARM_AGAIN_S = 2.0
 ARRIVED_EARLY_S = 2.0
 """The autopilot may call the climb done a little below the height; a mode kept longer than this there is a pilot's."""
@@ -51,12 +53,13 @@ class AutoEngage:
         self._mode_before: int | None = None
         self._climbed = self._arrived = False
         self._early_s = nan
-        self._decided = False
+        self._decided = self._rival = False
         self.step = Step.WAITING
         self.problem = ""
 
     def tick(self, now_s: float, *, ready: bool, may_ask: bool) -> None:
         """Do what is due. ready: the beacon is heard; may_ask: and the encoder knows what it needs."""
+        self._rival = bool(self._link.authority.rival_words(now_s))
         if not self._decided:
             self._decided = self._decide()
             return
@@ -75,7 +78,7 @@ class AutoEngage:
             if self._done(TAKE_OFF):
                 self._climb(now_s)
         elif self.step is Step.CLIMBING:
-            self._watch_climb(now_s, may_ask=may_ask)
+            self._watch_climb(now_s, may_ask=may_ask and not self._rival and not self._link.authority.grounded)
         elif self.step is Step.ASKED:
             if self._link.authority.refused:
                 self._fail(self._link.authority.reason)
@@ -109,7 +112,8 @@ class AutoEngage:
         ap, link = self._link.autopilot, self._link
         named = self._plan.height_parameter
         return (
-            ap.system_status == STATUS_STANDBY
+            not self._rival
+            and ap.system_status == STATUS_STANDBY
             and (self._plan.command != "amsl" or ap.amsl_m == ap.amsl_m)
             and (not named or named in link.parameters)
         )
@@ -117,7 +121,11 @@ class AutoEngage:
     def _begin(self, now_s: float) -> None:
         named = self._plan.height_parameter
         if named:  # the take-off climbs to this; what is left to orbit.height_m is climbed once we have control
-            self._height_m = min(self._height_m, self._link.parameters[named])
+            climbs_to = self._link.parameters[named]
+            if not climbs_to >= min(LEAST_CLIMB_M, self._height_m):
+                self._fail(f"take-off: {named} is {climbs_to:g} m: set it to {LEAST_CLIMB_M:g} m or more")
+                return
+            self._height_m = min(self._height_m, climbs_to)
         if self._plan.first_mode is None:
             self._arm(now_s)
         else:
@@ -189,6 +197,8 @@ class AutoEngage:
             if level and may_ask:  # else it waits in the air, in the autopilot's own mode
                 self._link.authority.ask(now_s)
                 self.step = Step.ASKED
+        elif self._arrived:
+            self._leave_to_pilot()
         elif now_s > self._by_s:
             self._fail(f"take-off: {height_m:.1f} m after a climb that should have reached {self._height_m:g} m")
         elif mode in plan.climbing:

@@ -75,6 +75,8 @@ class AutopilotLink:
         """When each TIMESYNC of ours that has not been answered was sent, by what it carries."""
         self._set_up_for: tuple[int | None, int] = (None, 0)
         self.counts = self._splitter.counts
+        self.autopilot_spoke = False
+        """Whether the bytes taken in last held a message of the autopilot that is believed."""
         self._theirs_alone = frozenset(self.autopilot.messages) - set(subscribed)
         self._handlers: dict[str, Callable[[Any, float], None]] = {
             "HEARTBEAT": self._on_mode,
@@ -89,6 +91,7 @@ class AutopilotLink:
         """Take in bytes; return all frames (for the recorder) and the messages that are not the link's own business."""
         frames = self._splitter.feed(data, whole=whole)
         others = []
+        self.autopilot_spoke = False
         decode, autopilot, handlers = self._decoder.decode, self.autopilot, self._handlers
         signer = self.signer
         if signer is not None:
@@ -104,6 +107,7 @@ class AutopilotLink:
                 self.signs_at_us = True
             name = message[0]
             if autopilot.on_message(message, now_s):
+                self.autopilot_spoke = True
                 if autopilot.reboots != self._reboots:
                     self._reboots = autopilot.reboots
                     self.authority.lost("the autopilot has restarted")
@@ -125,11 +129,6 @@ class AutopilotLink:
                 others.append(message)
         self.counts.decoded = self._decoder.decoded
         return frames, others
-
-    def is_autopilots(self, frames: list[Frame]) -> bool:
-        """Return whether the autopilot is among the senders of frames; until it is known, any autopilot."""
-        sysid = self.autopilot.sysid
-        return any(f.compid == AUTOPILOT_COMPONENT and sysid in (None, f.sysid) for f in frames)
 
     def _on_mode(self, fields: Any, now_s: float) -> None:
         self.authority.on_mode(now_s)

@@ -218,6 +218,8 @@ class Authority:
             self._rival = (
                 f"another program on the link speaks as {who}: stop it (or the router that sends our own messages back)"
             )
+            if self.control is Control.ASKED:  # nothing may be granted later, when nobody expects it any more
+                self.lost(self._rival)
 
     def rival_words(self, now_s: float) -> str:
         """Return who else speaks as this app or flies this vehicle, in words; empty while nobody does."""

@@ -29,6 +29,7 @@ ARDUPILOT_HZ: dict[str, float] = {
     "EKF_STATUS_REPORT": 1.0,
     "EXTENDED_SYS_STATE": 2.0,
     "SYS_STATUS": 1.0,
+    "BATTERY_STATUS": 0.5,
 }
 """The same with an ArduPilot, which sends little or nothing by itself."""
 

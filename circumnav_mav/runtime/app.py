@@ -139,7 +139,7 @@ class App:
         frames = self.flight.receive(data, self._clock.now(), link, whole=self._links[link].whole)
         for frame in frames:
             self._recorder.frame(frame.raw)
-        return self.flight.link.is_autopilots(frames)
+        return self.flight.link.autopilot_spoke
 
     def _on_change(self, link: str, up: bool, words: str) -> None:
         now_s = self._clock.now()

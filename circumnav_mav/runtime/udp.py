@@ -4,13 +4,18 @@ from __future__ import annotations
 
 import errno
 import socket
+import time
+from collections.abc import Callable
 from functools import partial
+from math import inf
 
 from circumnav_mav.endpoint import Endpoint
 from circumnav_mav.runtime.transport import LinkError, Loop, OnChange, OnData
 
 DATAGRAM = 65535
 RECEIVE_BUFFER = 1 << 20
+STAYS_S = 1.0
+"""So long another sender is not taken for the one that moved to a new port."""
 MOST_DATAGRAMS_A_TURN = 1
 """One, so that a burst, or a flood, never stands between the loop and its tick: timers get their turn in between."""
 
@@ -30,6 +35,9 @@ class UdpLink:
         self._socket.setblocking(False)
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER)
         self.send_errors = 0
+        self.now_s: Callable[[], float] = time.monotonic
+        self._heard_s = -inf
+        """When the one that is spoken to was last heard as the one to speak to."""
         self._loop: Loop | None = None
         try:
             if endpoint.kind == "udpin":
@@ -62,9 +70,18 @@ class UdpLink:
             except ConnectionError:
                 continue  # an ICMP refusal of something sent earlier: the peer is not there (yet)
             count += 1
-            if (self._on_data(data) or self._peer is None) and self.endpoint.kind == "udpin":
-                self._peer = peer
+            wanted = self._on_data(data)
+            if self.endpoint.kind == "udpin":
+                self._choose(peer, wanted=wanted)
         return count
+
+    def _choose(self, peer: tuple[str, int], *, wanted: bool) -> None:
+        """Speak to `peer` if it is the one, and no other has been lately: two that forward the same must not share."""
+        now_s = self.now_s()
+        if wanted and (peer == self._peer or now_s - self._heard_s > STAYS_S):
+            self._peer, self._heard_s = peer, now_s
+        elif self._peer is None:
+            self._peer = peer
 
     def send(self, data: bytes) -> None:
         """Send a datagram; with nobody to send to it is dropped. A full buffer drops too: old setpoints help nobody."""

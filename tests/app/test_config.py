@@ -127,3 +127,9 @@ def inner(section):
 def test_both_spellings_of_a_link_are_read(text, kind, host, port):
     endpoint = parse_endpoint(text)
     assert (endpoint.kind, endpoint.host, endpoint.port) == (kind, host, port)
+
+
+@pytest.mark.parametrize("pitch", ["0", "5", "-0.3"])
+def test_a_nose_that_is_not_down_does_not_fly_forward(pitch):
+    with pytest.raises(ConfigError, match=r"vehicle\.pitch_deg: .* does not fly forward"):
+        parse(f"vehicle: {{class: px4_multirotor_attitude, pitch_deg: {pitch}}}")

@@ -126,6 +126,12 @@ class Climber:
         self.accepted = {"arming", "take-off"}
         self.refused = False
         self.control = None
+        self.rival = ""
+
+    grounded = False
+
+    def rival_words(self, now_s):
+        return self.rival
 
     def height_above_home_m(self, now_s):
         return self.height_m
@@ -172,3 +178,30 @@ def test_what_never_gets_to_the_height_is_not():
     engage = AutoEngage(plane, PX4_FIXED_WING.take_off, 50.0)
     plane.fly(engage, 30.0, 30.0)
     assert plane.asked_s == [] and engage.step is Step.LEFT_TO_PILOT
+
+
+def test_a_rival_that_is_heard_keeps_it_on_the_ground_and_from_asking():
+    plane = Climber()
+    engage = AutoEngage(plane, PX4_FIXED_WING.take_off, 50.0)
+    plane.rival = "another program on the link"
+    for k in range(100):
+        engage.tick(0.1 * k, ready=True, may_ask=True)
+    assert engage.step is Step.WAITING
+    plane.rival = ""
+    engage.tick(11.0, ready=True, may_ask=True)
+    plane.rival = "another program on the link"
+    plane.fly(engage, 50.0, 50.0)
+    assert plane.asked_s == []
+
+
+def test_a_pilot_who_takes_over_long_after_the_climb_is_left_alone_without_a_fault():
+    plane = Climber()
+    engage = AutoEngage(plane, PX4_FIXED_WING.take_off, 50.0)
+    plane.rival = ""
+    plane.ask = lambda now_s: None
+    plane.fly(engage, 50.0, 50.0)
+    engage.step = Step.CLIMBING  # waits in the air: the range is gone
+    engage.tick(2000.0, ready=False, may_ask=False)
+    plane.custom_mode = POSITION
+    engage.tick(2000.1, ready=False, may_ask=False)
+    assert engage.step is Step.LEFT_TO_PILOT and engage.problem == ""

@@ -13,6 +13,7 @@ from circumnav_mav.mavlink.link import AutopilotLink
 from circumnav_mav.ranging import replay
 from circumnav_mav.runtime.links import open_link
 from circumnav_mav.runtime.transport import LinkError
+from circumnav_mav.runtime.udp import STAYS_S
 from circumnav_mav.types import RangeSample
 from tests.links.fake_loop import PATIENCE_S, FakeLoop, Wire
 
@@ -48,12 +49,14 @@ def distance(sysid, compid=158):
 def test_a_radio_or_another_vehicle_on_the_autopilots_port_does_not_get_its_setpoints(peer, radio):
     autopilot = AutopilotLink(["DISTANCE_SENSOR"])
     link = open_link(parse("udpin://127.0.0.1:0"))
-    loop, count = FakeLoop(), 0
+    loop, count, now_s = FakeLoop(), 0, 100.0
+    link.now_s = lambda: now_s
 
     def take(data):
         nonlocal count
         count += 1
-        return autopilot.is_autopilots(autopilot.receive(data, float(count))[0])
+        autopilot.receive(data, float(count))
+        return autopilot.autopilot_spoke
 
     link.start(loop, take, lambda up, words: None)
 
@@ -75,6 +78,9 @@ def test_a_radio_or_another_vehicle_on_the_autopilots_port_does_not_get_its_setp
     assert who_hears(b"streams, please") is peer
     says(radio, *[distance(1)] * 20, heartbeat(1, compid=158), heartbeat(7))
     assert who_hears(b"a setpoint") is peer
+    says(radio, heartbeat(1))
+    assert who_hears(b"another that forwards the same is not taken at once") is peer
+    now_s += STAYS_S + 0.1
     says(radio, heartbeat(1))
     assert who_hears(b"the autopilot has restarted on another port") is radio
     link.close()

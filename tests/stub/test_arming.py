@@ -8,7 +8,7 @@ import struct
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
-from tests.stub.rig import HERE, Rig, first_time, flying
+from tests.stub.rig import HERE, HOLD, OFFBOARD, Rig, first_time, flying
 
 AMSL_M = 489.4
 INT32, REAL32 = 6, 9
@@ -45,6 +45,30 @@ def test_arming_is_refused_before_ready() -> None:
     rig.run(3.0)
     assert rig.command(400, 1) == [1]
     rig.run(5.0)
+    assert rig.command(400, 1) == [0]
+
+
+@pytest.mark.parametrize("mode", [0x00010000, 0x00020000, 0x00030000, 0x00050000, 0x00070000])
+def test_arming_in_a_stick_mode_needs_sticks(mode: int) -> None:
+    rig = ready()
+    assert rig.set_mode(mode) == [0, 0]  # disarmed, nothing is refused
+    assert rig.command(400, 1) == [1]
+    assert "Arming denied: Resolve system health failures first\t" in "".join(rig.texts())
+    rig.send(mavlink.MAVLink_manual_control_message(1, 0, 0, 500, 0, 0))
+    assert rig.command(400, 1) == [0]
+    assert rig.stub.truth().armed
+
+
+def test_arming_without_a_position_needs_a_mode_that_does_without() -> None:
+    rig = ready(gps=False, streams=(1,))
+    for mode in (HOLD, 0x02040000, 0x05040000):
+        assert rig.set_mode(mode) == [0, 0]
+        assert rig.command(400, 1) == [1]
+    assert not rig.all("SYS_STATUS")[-1].onboard_control_sensors_health & mavlink.MAV_SYS_STATUS_PREARM_CHECK
+    assert "Arming denied: Resolve system health failures first\t" in "".join(rig.texts())
+    rig.streaming = lambda _: rig.attitude(0.0, 0.0, 0.0, 0.0)
+    rig.run(0.1)
+    assert rig.set_mode(OFFBOARD) == [0, 0]
     assert rig.command(400, 1) == [0]
 
 
@@ -244,3 +268,40 @@ def test_reposition_holds_somewhere_else(airframe: str, within_m: float) -> None
     north_m = 9000e-7 * math.radians(6371000.0) + (0.0 if airframe == "multirotor" else 12.0)
     assert math.hypot(truth.north_m - north_m, truth.east_m) < within_m
     assert truth.height_m == pytest.approx(55.0, abs=2.0)
+
+
+def test_reposition_without_the_flag_to_change_mode_does_nothing() -> None:
+    rig = flying()
+    rig.enter_offboard(lambda _: rig.local(velocity=(3.0, 0.0, 0.0)))
+    for flags in (0, 2, HERE):
+        assert rig.command(192, -1, flags, 0, HERE, 47.4, 8.55, AMSL_M + 55.0) == [3]
+    rig.run(1.0)
+    assert rig.mode == "OFFBOARD"
+    assert rig.command(17) == [0]
+    rig.run(10.0)
+    assert rig.stub.truth().height_m == pytest.approx(30.0, abs=0.5)
+
+
+@pytest.mark.parametrize(
+    ("refused", "mode", "again"),
+    [
+        ((192, -1, 1, 0, HERE, HERE, HERE, AMSL_M + 55.0), "AUTO/LOITER", (17,)),
+        ((22, 0, 0, 0, HERE, HERE, HERE, AMSL_M + 55.0), "AUTO/TAKEOFF", (176, 1, 4, 2)),
+    ],
+    ids=["reposition", "takeoff"],
+)
+def test_the_target_of_a_refused_command_is_forgotten(refused: tuple[float, ...], mode: str, again: tuple[int, ...]):
+    """Refused for want of a position; with the position back, the mode alone must not go there."""
+    rig = flying(faults=("1-3 no-gps",))
+    rig.streaming = lambda _: rig.attitude(0.0, 0.0, 0.0, 0.489)
+    rig.run(0.3)
+    rig.set_mode(OFFBOARD)
+    rig.run(1.0)
+    assert rig.command(*refused) == [1]
+    assert rig.mode == "OFFBOARD"
+    rig.run(2.0)
+    height_m = rig.stub.truth().height_m
+    assert rig.command(*again)[-1] == 0
+    assert rig.mode == mode
+    rig.run(20.0)
+    assert rig.stub.truth().height_m == pytest.approx(height_m, abs=3.0)  # MIS_TAKEOFF_ALT is 2.5 m

@@ -323,12 +323,12 @@ def test_mavlink_1_until_the_peer_speaks_2() -> None:
 KEY = hashlib.sha256(b"a secret").digest()
 
 
-def signed_rig(key: bytes) -> Rig:
-    rig = flying(signing_key=KEY)
+def signed_rig(key: bytes, unix_s: float = 1_767_225_600, **fields: Any) -> Rig:
+    rig = flying(signing_key=KEY, **fields)
     if key:
         rig.mav.signing.secret_key = key
         rig.mav.signing.sign_outgoing = True
-        rig.mav.signing.timestamp = (1_767_225_600 - 1_420_070_400) * 100_000
+        rig.mav.signing.timestamp = int((unix_s - 1_420_070_400) * 100_000)
     rig.mav.signing.allow_unsigned_callback = None
     return rig
 
@@ -353,6 +353,22 @@ def test_pymavlink_accepts_our_signatures() -> None:
     rig.run(2.0)
     assert rig.all("HEARTBEAT")
     assert not [m for _, m in rig.heard if m.get_type() == "BAD_DATA"]
+
+
+@pytest.mark.parametrize(("starts_s", "taken"), [(1_900_000_000.0, True), (None, False)])
+def test_a_peer_on_another_day_takes_only_a_vehicle_of_that_day(starts_s: float | None, taken: bool) -> None:
+    """pymavlink refuses new streams that are more than a minute behind its own clock."""
+    rig = signed_rig(KEY, 1_900_000_000.0, unix_start_s=starts_s)
+    rig.run(2.0)
+    assert bool(rig.all("HEARTBEAT")) is taken
+
+
+def test_the_time_of_day_goes_on_across_a_reboot() -> None:
+    rig = Rig(unix_start_s=1_900_000_000.0, faults=("5 reboot",))
+    rig.run(12.0)
+    stamps = [(t, m) for t, m in rig.heard if m.get_type() == "SYSTEM_TIME"]
+    assert min(m.time_boot_ms for t, m in stamps if t > 5.0) < 1100
+    assert {round(m.time_unix_usec * 1e-6 - t - 1_900_000_000.0, 3) for t, m in stamps} == {0.0}
 
 
 def test_a_signed_frame_played_again_is_refused() -> None:

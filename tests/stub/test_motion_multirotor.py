@@ -70,6 +70,28 @@ def test_speed_is_clipped_at_MPC_XY_VEL_MAX(asked: float) -> None:
     assert rig.stub.truth().speed_m_s == pytest.approx(12.0, abs=0.05)
 
 
+@pytest.mark.parametrize("tilt_deg", [20.0, 45.0])
+def test_it_tilts_and_pulls_no_further_than_MPC_TILTMAX_AIR(tilt_deg: float) -> None:
+    """A reversal of 24 m/s: what moves it is g tan(tilt) at most, and the air; from 12 to 0 that takes a known time."""
+    rig = offboard_at((12.0, 0.0, 0.0), params={"MPC_TILTMAX_AIR": tilt_deg})
+    rig.run(12.0)
+    most_m_s2, drag_per_s = 9.80665 * math.tan(math.radians(tilt_deg)), 0.15
+    rig.streaming = lambda _: rig.local(velocity=(-12.0, 0.0, 0.0))
+    began_s, stopped_s, tilts_deg, north = rig.now_s, math.inf, [], rig.stub.autopilot.vehicle.vn
+    assert north == pytest.approx(12.0, abs=0.05)
+    while rig.now_s < began_s + 15.0:
+        rig.run(0.01)
+        now = rig.stub.autopilot.vehicle.vn
+        assert abs(now - north + drag_per_s * now * 0.01) <= most_m_s2 * 0.01 * 1.005  # it holds at the end of a step
+        stopped_s = min(stopped_s, rig.now_s - began_s) if now <= 0.0 else stopped_s
+        tilts_deg.append(math.degrees(abs(rig.stub.truth().pitch_rad)))
+        north = now
+    assert max(tilts_deg) == pytest.approx(tilt_deg, abs=0.01)
+    assert north == pytest.approx(-12.0, abs=0.05)
+    closed_form_s = math.log1p(drag_per_s * 12.0 / most_m_s2) / drag_per_s
+    assert closed_form_s < stopped_s < closed_form_s + 0.6  # which begins where the tilt has been built up
+
+
 def test_wind_pushes_and_is_taken_up() -> None:
     """The velocity loop rejects wind: a hovering multirotor tilts against it and stays."""
     rig = flying(wind_north_m_s=8.0)

@@ -230,3 +230,22 @@ def test_without_gps_there_is_no_global_position() -> None:
     assert rig.all("GLOBAL_POSITION_INT") == []
     assert rig.all("GPS_RAW_INT")[-1].fix_type == 0
     assert math.hypot(rig.all("LOCAL_POSITION_NED")[-1].x, rig.all("LOCAL_POSITION_NED")[-1].y) == 0.0
+
+
+def test_without_gps_no_message_tells_where_it_really_is() -> None:
+    """It drifts with the wind over ground that it cannot see: nothing horizontal may change with that."""
+    rig = Rig(gps=False, start_height_m=30.0, start_speed_m_s=4.0, wind_east_m_s=6.0, streams=(24, 33, 85, 331))
+    rig.stub.links["offboard"].set_interval(87, 0.1, 0.0)
+    rig.run(5.0)
+    truth = rig.stub.truth()
+    assert math.hypot(truth.north_m, truth.east_m) > 2.0
+    assert rig.all("GLOBAL_POSITION_INT") + rig.all("POSITION_TARGET_GLOBAL_INT") == []
+    fix = rig.all("GPS_RAW_INT")[-1]
+    assert (fix.fix_type, fix.lat, fix.lon, fix.alt) == (0, 0, 0, 0)
+    assert (fix.vel, fix.cog, fix.eph, fix.epv, fix.satellites_visible) == (65535, 65535, 65535, 65535, 255)
+    for kind in ("ODOMETRY", "POSITION_TARGET_LOCAL_NED"):
+        shown = rig.all(kind)
+        assert len(shown) > 20
+        assert all(math.isnan(value) for m in shown for value in (m.x, m.y, m.vx, m.vy)), kind
+        assert shown[-1].z == pytest.approx(-0.46 - truth.height_m, abs=0.1)
+    assert {m.groundspeed for m in rig.all("VFR_HUD")} == {0.0}

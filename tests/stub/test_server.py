@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import hashlib
 import os
 import select
 import shlex
@@ -11,6 +12,7 @@ import socket
 import subprocess
 import sys
 import time
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -90,6 +92,8 @@ def test_a_busy_port_is_one_clear_line() -> None:
         (["--fault", "40 range-stop"], "needs FROM-TO"),
         (["--beacon", "1,x"], "numbers"),
         (["--speed", "0"], "positive"),
+        (["--sign", ""], "passphrase is empty"),
+        (["--sign", "secret", "--mavlink", "1"], "only MAVLink 2 can be signed"),
         (["--truth", "/no/such/place/truth.csv"], "/no/such/place/truth.csv"),
         (["--faults", "/no/such/file"], "/no/such/file"),
     ],
@@ -120,6 +124,36 @@ def test_the_fixture_gives_a_vehicle_that_flies(sitl: Any) -> None:
             time.sleep(0.01)
     assert vehicle.truth().mode == "OFFBOARD"
     assert vehicle.truth().north_m > 5.0
+
+
+@pytest.mark.realtime
+@pytest.mark.soak
+@pytest.mark.parametrize("program", [True, False], ids=["program", "fixture"])
+def test_a_signing_peer_on_the_real_clock_and_the_vehicle_take_each_other(sitl: Any, program: bool) -> None:
+    """pymavlink's own signing, with the time of day as its stamp, as mavutil's setup_signing has it."""
+    mav = mavlink.MAVLink(None, 1, 191)
+    key = mav.signing.secret_key = hashlib.sha256(b"a secret").digest()
+    mav.signing.sign_outgoing = True
+    mav.signing.timestamp = int((time.time() - 1_420_070_400) * 100_000)
+    mav.robust_parsing = True
+    ack = None
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as companion:
+        companion.bind(("127.0.0.1", 0 if program else sitl(start_height_m=30.0, signing_key=key).port))
+        command = stub_command("--airborne", "30", "--sign", "a secret", port=companion.getsockname()[1])
+        with subprocess.Popen(command, stdout=subprocess.DEVNULL) if program else nullcontext() as process:
+            companion.settimeout(10.0)
+            _, peer = companion.recvfrom(2048)
+            companion.sendto(mavlink.MAVLink_command_long_message(1, 1, 400, 0, 1, *[0] * 6).pack(mav), peer)
+            clock, refused = None, 0
+            while ack is None or clock is None:
+                for message in mav.parse_buffer(companion.recv(2048)) or []:
+                    refused += message.get_type() == "BAD_DATA"
+                    ack = message if message.get_type() == "COMMAND_ACK" else ack
+                    clock = message if message.get_type() == "SYSTEM_TIME" else clock
+            if process is not None:
+                process.terminate()
+    assert (ack.command, ack.result, refused) == (400, 0, 0)
+    assert clock.time_unix_usec * 1e-6 == pytest.approx(time.time(), abs=5.0)
 
 
 def example(directory: Path) -> Path:

@@ -23,7 +23,7 @@ ROWS = [
     ("and a wind beyond it", replace(QUAD, wind=9.0, over_ground=True), set()),
     ("a plane with room", PLANE, set()),
     ("a plane without", replace(PLANE, r_a=30.0, turn_rate_limit=0.6), {("error", "bank"), ("warning", "saturation")}),
-    ("a plane without, downwind", replace(PLANE, wind=9.0, kappa=2.0), {("warning", "bank"), ("warning", "saturation"),
+    ("a plane without, downwind", replace(PLANE, wind=9.0, kappa=2.0), {("error", "bank"), ("warning", "saturation"),
                                                                         ("warning", "wind")}),
 ]  # fmt: skip
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import subprocess
 import sys
 from pathlib import Path
@@ -294,7 +295,12 @@ WITH_RC = [
     ("arduplane", {"STICK_MIXING": 1}, WARNING, "ADDS to the app's bank"),
     ("arduplane", {"FS_LONG_ACTN": 0}, WARNING, "goes on obeying"),
 ]
-AUTO = [("arduplane", {"TKOFF_ALT": 50.0}, ERROR, "climbs to 50 m, and orbit.height_m is 80")]
+AUTO = [
+    ("arduplane", {"TKOFF_ALT": 50.0}, OK, "the rest to orbit.height_m is climbed once engaged"),
+    ("arduplane", {"TKOFF_ALT": 0.0}, ERROR, "climbs to 0 m"),
+    *(("px4_multirotor_attitude", {"COM_OBL_RC_ACT": n}, ERROR, "needs sticks or a position") for n in (0, 2, 6, 7)),
+    ("px4_multirotor", {"COM_OF_LOSS_T": math.nan}, WARNING, "not a value that is known"),
+]
 CASES = [(case, False, {}) for case in SETTINGS] + [(case, True, {}) for case in WITH_RC]
 CASES += [(case, False, {"engage": "auto", "orbit": {"height_m": 80.0}}) for case in AUTO]
 

@@ -6,6 +6,7 @@ import re
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -305,3 +306,35 @@ def test_a_battery_that_the_autopilot_does_not_measure_ends_nothing(monkeypatch)
     rig = engage(Rig(config(), airborne(70.0)))
     rig.run(6.0)
     assert rig.log.ticks[-1].control == "held"
+
+
+def test_a_hand_over_whose_request_is_lost_flies_on_at_no_speed():
+    """Height lost, the mode request lost too: fit or not, what is being given back is not flown again."""
+    rig = Rig(config(), airborne(80.0))
+    engage(rig)
+    send = rig.send
+    rig.send = lambda frames: send([f for f in frames if not is_mode_request(f)])
+    began_s = rig.now_s
+    silence(rig, HEIGHT)
+    rig.run(8.0)
+    given_s = began_s + 3.7
+    speeds = [m.vx for t, m in rig.setpoints(given_s)]
+    assert speeds and max(speeds) == 0.0
+    assert not {t.phase for t in rig.log.ticks if t.t_s > given_s} & {"acquiring", "orbiting"}
+    assert "not heard" not in " ".join(event.text for event in rig.flight.events)
+
+
+def is_mode_request(frame: bytes) -> bool:
+    message = mavlink.MAVLink(None).decode(bytearray(frame))
+    return message.get_type() == "COMMAND_LONG" and message.command == mavlink.MAV_CMD_DO_SET_MODE
+
+
+def test_a_battery_that_is_well_does_not_hide_one_that_is_low():
+    rig = Rig(config(), airborne(80.0))
+    ap = rig.flight.link.autopilot
+    assert not ap.battery_alarm
+    for k, (battery, state) in enumerate([(0, 3), (1, 1)] * 3):
+        ap._battery_status(SimpleNamespace(id=battery, charge_state=state), float(k))
+        assert ap.battery_alarm
+    ap._battery_status(SimpleNamespace(id=0, charge_state=1), 9.0)
+    assert not ap.battery_alarm

@@ -49,3 +49,11 @@ def test_what_is_not_heard_changes_nothing():
     before = there.speed_m_s
     there.advance(300.0, VehicleState())
     assert there.speed_m_s == before
+
+
+def test_on_the_ground_it_has_none_however_the_ground_slopes():
+    believed = flown(PITCH0, 0.0, 0.0, 20.0)
+    slope = VehicleState(roll_rad=0.1, pitch_rad=-0.1, yaw_rad=0.0, yaw_rate_rad_s=0.0)
+    for n in range(100):
+        believed.advance(200.0 + 0.02 * n, slope, on_ground=True)
+    assert believed.speed_m_s == 0.0

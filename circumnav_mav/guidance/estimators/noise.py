@@ -10,7 +10,7 @@ from bisect import bisect_left, insort
 from collections import deque
 from math import isnan, nan, sqrt
 
-WINDOW, ENOUGH = 100, 20
+WINDOW, ENOUGH = 100, 50
 """Differences that are looked at, and how many there must be before anything is said."""
 QUARTILE_OF_NORMAL = 0.3186
 """Lower quartile of |x| for a standard normal x."""

@@ -39,9 +39,12 @@ class BelievedSpeed:
         """From the nose to the course through the air, + clockwise."""
         return atan2(self.right_m_s, max(self.forward_m_s, SLOW_M_S))
 
-    def advance(self, now_s: float, state: VehicleState) -> None:
-        """Fly the attitude of now since the last call; without one the speed stays as it is."""
+    def advance(self, now_s: float, state: VehicleState, *, on_ground: bool = False) -> None:
+        """Fly the attitude of now since the last call; without one the speed stays as it is. On the ground it is 0."""
         dt, self._last_s = now_s - self._last_s, now_s
+        if on_ground:  # it stands, however the ground slopes
+            self.forward_m_s = self.right_m_s = 0.0
+            return
         if not dt > 0.0 or isnan(state.roll_rad + state.pitch_rad + state.yaw_rate_rad_s):
             return
         steps = max(1, round(dt / LONGEST_STEP_S))
