@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from math import isfinite
 from pathlib import Path
@@ -10,7 +10,7 @@ from typing import Annotated, NoReturn
 
 import typer
 
-from circumnav_mav.writable import refusal, refusal_of_folder
+from circumnav_mav.writable import refusal, refusal_of_folder, takes_once, write_anew
 
 Seed = Annotated[int, typer.Option(help="of every random draw", min=0, max=2**63 - 1)]
 JsonFile = Annotated[Path | None, typer.Option("--json", help="write the figures to this file")]
@@ -18,6 +18,7 @@ Workers = Annotated[int | None, typer.Option(help="threads; default one a core",
 Scheduler = Annotated[str | None, typer.Option(help="a Dask scheduler, tcp://HOST:PORT, instead of threads")]
 Several = list[str] | None
 EXIT_USAGE = 2
+EXIT_INTERRUPTED = 130
 
 
 def study(
@@ -44,6 +45,7 @@ def study(
     """Reproduce the paper's simulations: mean squares against the gain, calm and in wind, with confidence intervals."""
     _before_the_work([json, save], figures)
     with _extras(), _in_words():
+        from circumnav_mav import bar
         from circumnav_mav.study import paper, paper_figures
         from circumnav_mav.study.scheduler import executor
 
@@ -60,7 +62,7 @@ def study(
                 law=law,
                 estimator=estimator,
             )
-            with executor(scheduler) as pool, _bar("flying") as tell:
+            with executor(scheduler) as pool, bar.shown("flying") as tell:
                 result = paper.run(options, tell, pool)
         typer.echo(f"{result.steps} trajectory-steps in {result.elapsed_s:.2f} s: {result.rate_hz:.3g} a second")
         for air in paper.AIRS:
@@ -70,7 +72,7 @@ def study(
             paper.save(result, save)
             typer.echo(f"\nkept       {save}")
         if figures is not None:
-            with _bar("drawing") as tell:
+            with bar.shown("drawing") as tell:
                 files = paper_figures.draw(result, figures, tell)
             typer.echo(f"\n{len(files)} figures in {figures}/")
         if json is not None:
@@ -91,6 +93,7 @@ def compare(
     """Fly laws and estimators over the named scenarios, many seeds each, and print a row for each."""
     _before_the_work([json])
     with _extras(), _in_words():
+        from circumnav_mav import bar
         from circumnav_mav.guidance.estimators import ESTIMATORS
         from circumnav_mav.guidance.laws import LAWS
         from circumnav_mav.study import compare as study_compare
@@ -100,20 +103,32 @@ def compare(
         best_law, best_estimator = study_compare.BEST
         laws = law or (list(LAWS) if everything else [best_law])
         estimators = estimator or (list(ESTIMATORS) if everything else [best_estimator])
-        with executor(scheduler) as pool, _bar("flying") as tell:
-            rows = study_compare.compare(
-                scenario or list(SCENARIOS),
-                laws,
-                estimators,
-                runs,
-                seed,
-                lambda title, done, whole: tell(done, whole),
-                workers,
-                pool,
-            )
-        typer.echo(study_compare.table(rows))
-        if json is not None:
-            json.write_text(study_compare.to_json(rows), encoding="utf-8")
+        rows: list[study_compare.Row] = []
+        with executor(scheduler) as pool, bar.shown("flying") as above:
+
+            def keep(row: study_compare.Row) -> None:
+                rows.append(row)
+                if json is not None and not takes_once(json):
+                    write_anew(json, study_compare.to_json(rows))
+                if len(rows) == 1:
+                    above.echo(study_compare.header())
+                above.echo(study_compare.line(row))
+
+            try:
+                study_compare.compare(
+                    scenario or list(SCENARIOS),
+                    laws,
+                    estimators,
+                    runs,
+                    seed,
+                    lambda title, done, whole: above(done, whole),
+                    workers,
+                    pool,
+                    keep,
+                )
+            finally:
+                if json is not None and rows and takes_once(json):
+                    json.write_text(study_compare.to_json(rows), encoding="utf-8")
 
 
 def tune(
@@ -144,6 +159,7 @@ def tune(
     plot = None if no_plot else plot or out.with_suffix(".png")
     _before_the_work([out, plot, json])
     with _extras(), _in_words():
+        from circumnav_mav import bar
         from circumnav_mav.config import load
         from circumnav_mav.study import tune as search
         from circumnav_mav.study import tune_report
@@ -157,7 +173,7 @@ def tune(
             seen = look(from_log)
             aircraft = aircraft.as_seen(seen)
             typer.echo(f"from the log: {seen}")
-        with executor(scheduler) as pool, _bar("searching") as tell:
+        with executor(scheduler) as pool, bar.shown("searching") as tell:
             tuned = search.tune(
                 settings,
                 aircraft,
@@ -192,18 +208,6 @@ def register(app: typer.Typer) -> None:
 
 
 @contextmanager
-def _bar(title: str) -> Iterator[Callable[[int, int], None]]:
-    """Show a progress bar on standard error; yield what is to be called with (done, of how many)."""
-    from rich.console import Console
-    from rich.progress import Progress
-
-    console = Console(stderr=True)
-    with Progress(console=console, transient=True, disable=not console.is_terminal) as bar:
-        task = bar.add_task(title, total=None)
-        yield lambda done, whole: bar.update(task, completed=done, total=whole)
-
-
-@contextmanager
 def _extras() -> Iterator[None]:
     try:
         yield
@@ -217,6 +221,8 @@ def _in_words() -> Iterator[None]:
         yield
     except ValueError as error:
         _fail(str(error))
+    except KeyboardInterrupt:
+        _fail("interrupted", EXIT_INTERRUPTED)
     except BrokenPipeError:
         raise  # who reads has had enough: `circumnav study | head`
     except OSError as error:
@@ -230,9 +236,9 @@ def _before_the_work(files: list[Path | None], folder: Path | None = None) -> No
             _fail(trouble)
 
 
-def _fail(text: str) -> NoReturn:
+def _fail(text: str, code: int = EXIT_USAGE) -> NoReturn:
     typer.echo(f"circumnav: {text}", err=True)
-    raise typer.Exit(EXIT_USAGE)
+    raise typer.Exit(code)
 
 
 def _pair(text: str) -> tuple[float, float]:

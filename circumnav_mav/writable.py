@@ -1,4 +1,4 @@
-"""Whether a file can be written, found out before the work that fills it."""
+"""Whether a file can be written, found out before the work that fills it; and files that are written over and over."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ def refusal(path: Path | None) -> str | None:
 
     Makes the folders above it, and leaves no other trace: what is in the file stays.
     """
-    if path is None or (path.exists() and not path.is_file() and not path.is_dir()):
-        return None  # a pipe or a terminal takes what comes, and only once
+    if path is None or takes_once(path):
+        return None
     there = path.exists()
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -21,6 +21,26 @@ def refusal(path: Path | None) -> str | None:
     except OSError as error:
         return f"cannot write {path}: {error.strerror or error}"
     return None
+
+
+def takes_once(path: Path) -> bool:
+    """Return whether it is a pipe or a terminal, which takes what comes, and cannot be written anew."""
+    return path.exists() and not path.is_file() and not path.is_dir()
+
+
+def write_anew(path: Path, text: str) -> None:
+    """Write a file whole or not at all: whoever reads it meanwhile, or stops the writer, has the old one or the new."""
+    target = path.resolve()  # a link stays a link
+    part = target.with_name(f".{target.name}.part")
+    try:
+        part.write_text(text, encoding="utf-8")
+        if target.exists():
+            part.chmod(target.stat().st_mode & 0o7777)
+        part.replace(target)
+    except PermissionError:  # the file may be written, its folder not
+        target.write_text(text, encoding="utf-8")
+    finally:
+        part.unlink(missing_ok=True)
 
 
 def refusal_of_folder(folder: Path | None) -> str | None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import cos, degrees, hypot, isfinite, nan, radians, sqrt
+from math import cos, degrees, hypot, isfinite, nan, radians, remainder, sqrt
 from typing import NamedTuple
 
 from circumnav_mav.guidance.kernel import Estimate
@@ -52,9 +52,14 @@ def _root(variance: float) -> float:
 
 
 def latitude_longitude(lat_deg: float, lon_deg: float, target: Target) -> tuple[float, float]:
-    """Return the target's latitude and longitude [deg] from the vehicle's (flat Earth: good to a metre at 10 km)."""
+    """Return the target's latitude and longitude [deg] from the vehicle's (flat Earth: good to a metre at 10 km).
+
+    The longitude is within [-180, 180), also where the date line lies between the two.
+    """
     lat = lat_deg + degrees(target.north_m / EARTH_RADIUS_M)
-    return lat, lon_deg + degrees(target.east_m / (EARTH_RADIUS_M * cos(radians(lat_deg))))
+    lon = lon_deg + degrees(target.east_m / (EARTH_RADIUS_M * cos(radians(lat_deg))))
+    lon = remainder(lon, 360.0)  # exact, unlike %, which rounds what is just below -180 to 180
+    return lat, -180.0 if lon == 180.0 else lon
 
 
 def describe(target: Target, place: tuple[float, float] | None) -> str:

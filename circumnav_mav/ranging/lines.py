@@ -51,7 +51,7 @@ def decoder(options: Mapping[str, Any]) -> ByteDecoder:
                     range_m=si("range", range_si),
                     range_rate_m_s=si("rate", rate_si),
                     sigma_m=si("sigma", range_si),
-                    beacon_id=None if beacon_id is None else int(str(beacon_id), base),
+                    beacon_id=None if beacon_id is None else _id(beacon_id, base),
                     quality_pct=si("quality", 1.0),
                     stamp_s=si("time", time_si),
                 )
@@ -60,6 +60,13 @@ def decoder(options: Mapping[str, Any]) -> ByteDecoder:
             return [not_understood(line, now_s)]
 
     return LineDecoder(parse)
+
+
+def _id(value: Any, base: int) -> int:
+    """Return a beacon's number. Some JSON writers know no integers: 3.0 is 3. ValueError where it is not whole."""
+    if isinstance(value, float) and value.is_integer():
+        value = int(value)
+    return int(str(value), base)
 
 
 def _extractor(options: Mapping[str, Any]) -> Extract:

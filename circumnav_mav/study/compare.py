@@ -16,7 +16,7 @@ from circumnav_mav.study.scenarios import SCENARIOS, Scenario
 from circumnav_mav.study.simulate import Pilot, simulate
 
 BEST = ("tangent", "drift")
-"""The law and the estimator that fly by default."""
+"""The law and the estimator that planes fly by default."""
 
 LOST_SHARE = 0.25
 """A run is lost when the rms of its tail is above this share of r_a."""
@@ -94,8 +94,9 @@ def compare(
     progress: Progress | None = None,
     workers: int | None = None,
     executor: Executor | None = None,
+    keep: Callable[[Row], None] | None = None,
 ) -> list[Row]:
-    """Return a row for every scenario and every combination that can fly.
+    """Return a row for every scenario and every combination that can fly; keep is told each as soon as it is flown.
 
     ValueError, with the names that exist, for one that does not, and when nothing can fly.
     """
@@ -120,6 +121,8 @@ def compare(
     for n, (name, law, estimator) in enumerate(jobs):
         tell = _teller(progress, f"{name} {law} {estimator}", n * runs, runs, len(jobs) * runs)
         rows.append(row(SCENARIOS[name], Pilot(law, estimator), runs, seed, tell, workers, executor))
+        if keep:
+            keep(rows[-1])
     return rows
 
 
@@ -136,28 +139,48 @@ def _teller(progress: Progress | None, title: str, before: int, runs: int, whole
 
 
 COLUMNS = (
-    ("scenario", "{:16s}"),
-    ("law", "{:17s}"),
-    ("estimator", "{:9s}"),
-    ("settled", "{:7.3f}"),
-    ("lost", "{:6.3f}"),
-    ("settle_time_s", "{:13.1f}"),
-    ("tail_rms_m", "{:10.3f}"),
-    ("tail_bias_m", "{:11.3f}"),
-    ("worst_rms_m", "{:11.3f}"),
-    ("u2_ratio", "{:8.3f}"),
-    ("least_range_m", "{:13.1f}"),
+    ("scenario", 15, None),
+    ("law", 17, None),
+    ("estimator", 9, None),
+    ("runs", 5, 0),
+    ("settled", 7, 3),
+    ("lost", 5, 3),
+    ("settle_time_s", 6, 1),
+    ("tail_ms_m2", 8, 5),
+    ("tail_rms_m", 7, 3),
+    ("tail_bias_m", 7, 3),
+    ("worst_rms_m", 7, 3),
+    ("u2_ratio", 7, 3),
+    ("least_range_m", 7, 1),
 )
+"""Name, width, and decimals where it is a number: 120 characters with the blanks between them."""
 
 
-def table(rows: Iterable[Row]) -> str:
-    """Return the rows as plain text."""
-    widths = [len(form.format(*("" if form.endswith("s}") else 0.0,))) for _, form in COLUMNS]
-    lines = ["  ".join(name.ljust(width) for (name, _), width in zip(COLUMNS, widths, strict=True)).rstrip()]
-    for one in rows:
-        cells = ((getattr(one, name), form) for name, form in COLUMNS)
-        lines.append("  ".join(form.format(math.nan if value is None else value) for value, form in cells))
-    return "\n".join(lines)
+def header() -> str:
+    """Return the names of the columns; one that is wider than its figures stands on two lines."""
+    above, below = [], []
+    for name, width, decimals in COLUMNS:
+        first, _, rest = name.partition("_") if len(name) > width else ("", "", name)
+        above.append(_aligned(first, width, decimals))
+        below.append(_aligned(rest, width, decimals))
+    return "\n".join(" ".join(names).rstrip() for names in (above, below))
+
+
+def line(row: Row) -> str:
+    """Return a row as plain text."""
+    return " ".join(_cell(getattr(row, name), width, decimals) for name, width, decimals in COLUMNS)
+
+
+def _cell(value: str | float | None, width: int, decimals: int | None) -> str:
+    if isinstance(value, str):
+        return _aligned(value, width, decimals)
+    number, places = math.nan if value is None else value, decimals or 0
+    texts = [f"{number:{width}.{n}f}" for n in range(places, -1, -1)]
+    return next((text for text in texts if len(text) <= width), texts[-1])  # fewer decimals rather than a wider table
+
+
+def _aligned(text: str, width: int, decimals: int | None) -> str:
+    return text.ljust(width) if decimals is None else text.rjust(width)
 
 
 def to_json(rows: Iterable[Row]) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+import signal
 from collections.abc import Callable, Mapping
 from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor
 from contextlib import nullcontext
@@ -122,15 +123,23 @@ def simulate(
     chunks = [(first, min(first + CHUNK, runs)) for first in range(len(outcomes), runs, CHUNK)]
     with nullcontext(executor) if executor else _pool(workers or len(os.sched_getaffinity(0))) as pool:
         futures = [pool.submit(fly_chunk, scenario, pilot, seed, *chunk) for chunk in chunks]
-        for future in futures:
-            flown = future.result()
-            outcomes += flown
-            if progress:
-                progress(len(flown))
+        try:
+            for future in futures:
+                flown = future.result()
+                outcomes += flown
+                if progress:
+                    progress(len(flown))
+        except BaseException:  # Ctrl-C: what has not begun is not flown, or leaving would take as long as staying
+            for future in futures:
+                future.cancel()
+            raise
     dtype = [(name, float) for name in drive.Outcome._fields]
     return np.array([tuple(outcome) for outcome in outcomes], dtype=dtype)
 
 
 def _pool(workers: int) -> Executor:
     """Return threads for compiled kernels, which let go of the interpreter; processes for plain Python."""
-    return ThreadPoolExecutor(workers) if kernels.available() else ProcessPoolExecutor(workers)
+    if kernels.available():
+        return ThreadPoolExecutor(workers)
+    ignored = (signal.SIGINT, signal.SIG_IGN)  # Ctrl-C goes to every process of a terminal: the parent answers it
+    return ProcessPoolExecutor(workers, initializer=signal.signal, initargs=ignored)

@@ -2,8 +2,10 @@ import math
 
 import pytest
 
-from circumnav_mav.guidance.kernel import Motion
+from circumnav_mav.guidance.estimators import make
+from circumnav_mav.guidance.kernel import EstimatorContext, Motion
 from circumnav_mav.guidance.trail import Trail
+from circumnav_mav.types import RangeSample
 
 
 def circle(trail: Trail, V: float, u: float, until_s: float, rate_hz: float, compass: bool) -> None:
@@ -55,3 +57,24 @@ def test_forgets_what_is_older_than_its_span_and_sees_ahead_of_its_end():
     assert trail.at(4.0, Motion()) is not None
     ahead = trail.at(5.5, Motion(4.0, 0.0))
     assert trail.between(trail.at(5.0, Motion()), ahead, Motion(4.0, 0.0)).ahead == pytest.approx(2.0)
+
+
+def test_a_heading_that_is_missing_does_not_start_the_ring_again():
+    """drift needs a heading; between two of the compass the trail reckons it, so a gap is no restart."""
+    V, r_a, rate_hz = 15.0, 80.0, 20.0
+    u = -V / r_a
+    estimator = make("drift", {}, EstimatorContext(r_a, V, 0.46))
+    for n in range(int(70.0 * rate_hz)):
+        t = n / rate_hz
+        bearing = 0.3 + u * t  # from the target, which stands 10 m off the middle of the circle: the ranges change
+        x, y = r_a * math.cos(bearing), r_a * math.sin(bearing)
+        heading = math.remainder(bearing - 0.5 * math.pi, 2 * math.pi)
+        silent = n == 1200 or 1240 <= n < 1270  # one tick, and a second and a half
+        motion = Motion(V, u, math.nan if silent else heading)
+        estimator.advance(t, motion)
+        assert estimator.on_sample(RangeSample(t, math.hypot(x - 10.0, y), sigma_m=0.3), motion) is None
+        if n >= 1199:
+            assert estimator.spread_m() < 1.0
+            estimate = estimator.at(t, motion)
+            assert estimate is not None
+            assert (estimate.px, estimate.py) == pytest.approx((10.0 - x, -y), abs=0.5)

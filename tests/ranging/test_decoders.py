@@ -229,6 +229,19 @@ class TestLines:
         assert "'hello'" in results[0].detail
 
     @pytest.mark.parametrize(
+        ("written", "base", "wanted"), [("3", 10, 3), ("3.0", 10, 3), ('"3"', 10, 3), ("11.0", 16, 17)]
+    )
+    def test_a_whole_number_is_an_id_however_json_writes_it(self, written, base, wanted):
+        line = f'{{"r": 5.5, "id": {written}}}\n'
+        (reading,) = decode("lines", line, json={"range": "r", "beacon_id": "id"}, id_base=base)
+        assert (reading.range_m, reading.beacon_id) == (5.5, wanted)
+
+    @pytest.mark.parametrize("written", ["3.5", '"3.0"', "Infinity", "NaN", "[3]"])
+    def test_what_is_no_whole_number_is_no_id(self, written):
+        line = f'{{"r": 5.5, "id": {written}}}\n'
+        assert outcome(decode("lines", line, json={"range": "r", "beacon_id": "id"})) == ["bad_frame"]
+
+    @pytest.mark.parametrize(
         "line", ["{}", '{"a": []}', '{"a": [{"d": null}]}', "[]", "7", "nonsense", '{"a": [{"d": [1]}]}']
     )
     def test_json_without_the_range_is_a_bad_frame(self, line):

@@ -3,6 +3,12 @@
 import json
 import math
 import os
+import pty
+import signal
+import subprocess
+import sys
+from contextlib import suppress
+from threading import Thread
 
 import numpy as np
 import pytest
@@ -114,7 +120,74 @@ def test_a_row_that_never_settles_is_still_json():
     row = compare.row(SCENARIOS["P_wind50"], pilot, 3, 1)
     assert row.settled == 0.0
     assert json.loads(compare.to_json([row]))[0]["settle_time_s"] is None
-    assert "nan" in compare.table([row])
+    assert "nan" in compare.line(row)
+
+
+def test_the_table_has_every_column_of_a_row_and_fits_the_screen():
+    above, below = compare.header().splitlines()
+    assert " ".join(above.split()) == "settle tail tail tail worst u2 least"
+    names = "scenario law estimator runs settled lost time_s ms_m2 rms_m bias_m rms_m ratio range_m"
+    assert " ".join(below.split()) == names
+    assert [name for name, *_ in compare.COLUMNS] == FIELDS.split()
+    far = (4321098.7654, 2078.7255, -2078.6543, 54321.987, 1.0441, 1234.56)
+    lost = compare.Row("R_airspeed_high", "cao2013_saturated", "direct", 1000, 0.0, 1.0, None, *far)
+    for row in (lost, compare.Row("P_calm", "tangent", "drift", 1000, 1.0, 0.0, 14.5, 0.00117, *[0.034] * 5)):
+        assert max(map(len, (above, below, compare.line(row)))) <= 120
+        cells = compare.line(row).split()
+        assert len(cells) == len(compare.COLUMNS)
+    assert cells[3] == "1000" and cells[7] == "0.00117"
+
+
+def test_each_row_is_printed_and_kept_as_soon_as_it_is_flown(tmp_path, monkeypatch):
+    """Ctrl-C in the third row: two stand in the table and in the file, one line says so, and the exit code is 130."""
+    path, whole, seen = tmp_path / "rows.json", compare.row, []
+
+    def row(scenario, *rest):
+        seen.append([one["scenario"] for one in json.loads(path.read_text())] if path.exists() else [])
+        if scenario.name == "P_wind50":
+            raise KeyboardInterrupt
+        return whole(scenario, *rest)
+
+    monkeypatch.setattr(compare, "row", row)
+    names = ("P_calm", "P_wind25", "P_wind50", "P_moving")
+    done = run("compare", *(f"--scenario={name}" for name in names), "--runs", "3", "--json", str(path))
+    assert done.exit_code == 130
+    assert done.stderr == "circumnav: interrupted\n"
+    assert seen == [[], ["P_calm"], ["P_calm", "P_wind25"]]
+    assert [one["scenario"] for one in json.loads(path.read_text())] == ["P_calm", "P_wind25"]
+    assert [line.split()[0] for line in done.stdout.splitlines()[2:]] == ["P_calm", "P_wind25"]
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_signal_ends_a_long_row_at_once_and_the_bar_leaves_the_rows_alone(tmp_path):
+    """As a person does it, on a terminal: a thousand hours of runs, Ctrl-C after the first row."""
+    path, (here, there) = tmp_path / "rows.json", pty.openpty()
+    arguments = ["compare", "--scenario", "P_calm", "--scenario", "R_2Hz_sigma5", "--runs", "20", "--json", str(path)]
+    program = "from circumnav_mav.study import compare as c; r = c.row\n" + (
+        "c.row = lambda s, p, n, *a: r(s, p, n if s.name == 'P_calm' else 10**5, *a)\n"
+        f"import sys; from circumnav_mav.cli import main; sys.argv = ['circumnav', *{arguments}]; main()"
+    )
+    env = {**os.environ, "TERM": "xterm", "COLUMNS": "120"}
+    with subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE, stderr=there, env=env) as child:
+        os.close(there)
+        drawn = Thread(target=read_all, args=(here, shown := bytearray()))
+        drawn.start()
+        lines = [child.stdout.readline().decode() for _ in range(3)]
+        child.send_signal(signal.SIGINT)
+        rest = child.stdout.read()
+        assert child.wait() == 130
+    drawn.join()
+    os.close(here)
+    assert lines[2].split()[0] == "P_calm" and rest == b""
+    assert b"flying" in shown and b"P_calm" not in shown and b"Traceback" not in shown
+    assert shown.rstrip().endswith(b"circumnav: interrupted")
+    assert [one["scenario"] for one in json.loads(path.read_text())] == ["P_calm"]
+
+
+def read_all(descriptor, into):
+    with suppress(OSError):  # a terminal that has been left
+        while data := os.read(descriptor, 4096):
+            into += data
 
 
 @pytest.mark.parametrize(
