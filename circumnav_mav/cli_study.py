@@ -147,7 +147,7 @@ def tune(
         from circumnav_mav.config import load
         from circumnav_mav.study import tune as search
         from circumnav_mav.study import tune_report
-        from circumnav_mav.study.aircraft import Aircraft
+        from circumnav_mav.study.aircraft import Aircraft, gains_of
         from circumnav_mav.study.from_log import look
         from circumnav_mav.study.scheduler import executor
 
@@ -157,6 +157,8 @@ def tune(
             seen = look(from_log)
             aircraft = aircraft.as_seen(seen)
             typer.echo(f"from the log: {seen}")
+        original = config.read_text(encoding="utf-8")
+        tune_report.configured(original, gains_of(settings, aircraft))  # what cannot be written is refused now
         with executor(scheduler) as pool, _bar("searching") as tell:
             tuned = search.tune(
                 settings,
@@ -176,7 +178,7 @@ def tune(
         typer.echo(f"\non {tuned.fresh_runs} fresh runs in each of three situations:")
         for line in tune_report.lines(tuned):
             typer.echo(line)
-        out.write_text(tune_report.yaml_text(config.read_text(encoding="utf-8"), tuned, seed), encoding="utf-8")
+        out.write_text(tune_report.yaml_text(original, tuned, seed), encoding="utf-8")
         typer.echo(f"written    {out}")
         if json is not None:
             json.write_text(tune_report.to_json(tuned, seed), encoding="utf-8")

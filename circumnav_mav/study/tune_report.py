@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
-import re
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
+import yaml
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, MaxNLocator, NullLocator
 
+from circumnav_mav.config import ConfigError, parse
 from circumnav_mav.study.aircraft import Gains
 from circumnav_mav.study.tune import Score, Tuned, most_effort, pareto
 from circumnav_mav.study.tune_spaces import MEANINGS
@@ -24,21 +25,70 @@ def section(kind: str, name: str, options: Mapping[str, float]) -> str:
     return "\n".join(rows) + "\n"
 
 
-def replaced(text: str, kind: str, block: str) -> str:
-    """Return a configuration with one top-level section replaced, or added at its end; the rest stays as it is."""
-    found = re.search(rf"^{kind}:.*\n?(?:[ \t].*\n?|[ \t]*\n|[}}\]].*\n?)*", text, re.MULTILINE)
-    if found is None:
+def replaced(text: str, kind: str, name: str, options: Mapping[str, float]) -> str:
+    """Return a configuration with one top-level section replaced, or added at its end; the rest stays as it is.
+
+    Comments inside the old section go with it, for they speak of the old gains. Raises ValueError, in words, where
+    the form of the file (an alias for the section, say) does not let that be done safely.
+    """
+    text = text.removeprefix("\ufeff")  # a byte-order mark, which may stand nowhere but first
+    try:
+        new = _replaced(text, kind, name, options)
+        whole, got = yaml.safe_load(text) or {}, yaml.safe_load(new)
+    except yaml.YAMLError as error:
+        raise ValueError(_BY_HAND.format(kind)) from error
+    # Values as the new section's own text gives them.
+    if got != {**whole, **yaml.safe_load(section(kind, name, options))}:
+        raise ValueError(_BY_HAND.format(kind))
+    return new
+
+
+_BY_HAND = "the form of the file is too intricate to put gains into (an anchor or alias?): write {} out plainly in it"
+
+
+def _replaced(text: str, kind: str, name: str, options: Mapping[str, float]) -> str:
+    root = yaml.compose(text, Loader=yaml.SafeLoader)
+    block = section(kind, name, options)
+    if not isinstance(root, yaml.MappingNode):
         return f"{text.rstrip()}\n\n{block}" if text.strip() else block
-    old = found.group()
-    gap = "\n" * (len(old) - len(old.rstrip("\n")) - 1)
-    return text[: found.start()] + block + gap + text[found.end() :]
+    found = next(((key, value) for key, value in root.value if key.value == kind), None)
+    if root.flow_style:
+        pairs = ", ".join(f"{option}: {value:g}" for option, value in options.items())
+        flow = f"{kind}: {{name: {name}{', ' if pairs else ''}{pairs}}}"
+        if found is None:
+            at = root.start_mark.index + 1
+            return f"{text[:at]}{flow}{', ' if root.value else ''}{text[at:]}"
+        return text[: found[0].start_mark.index] + flow + text[_end(*found) :]
+    block = block.replace("\n", "\n" + " " * root.start_mark.column).rstrip()
+    if found is None:
+        before, after = text[: root.end_mark.index].rstrip(), text[root.end_mark.index :]
+        return f"{before}\n\n{' ' * root.start_mark.column}{block}\n{after}"
+    _, _, after = text[_end(*found) :].partition("\n")
+    return f"{text[: found[0].start_mark.index]}{block}\n{after}"
+
+
+def _end(key: yaml.Node, value: yaml.Node) -> int:
+    """Return where the text of a key and its value ends; PyYAML has a block end where the next thing begins."""
+    if isinstance(value, yaml.MappingNode) and value.value and not value.flow_style:
+        return _end(*value.value[-1])
+    return max(int(key.end_mark.index), int(value.end_mark.index))
+
+
+def configured(original: str, gains: Gains) -> str:
+    """Return the configuration with these gains. Raises ValueError, in one line, where it would not load."""
+    text = replaced(original, "law", gains.law, gains.law_options)
+    text = replaced(text, "estimator", gains.estimator, gains.estimator_options)
+    try:
+        parse(text, "the configuration with its gains")
+    except ConfigError as error:
+        raise ValueError(next(error.lines())) from error
+    return text
 
 
 def yaml_text(original: str, tuned: Tuned, seed: int) -> str:
     """Return the configuration with the best gains, and a heading that says what they were tuned for."""
-    a, best = tuned.aircraft, tuned.best
-    text = replaced(original, "law", section("law", best.law, best.law_options))
-    text = replaced(text, "estimator", section("estimator", best.estimator, best.estimator_options))
+    a = tuned.aircraft
+    text = configured(original, tuned.best)
     heading = (
         f"# Gains found by `circumnav tune` (seed {seed}) for {a.V_m_s:g} m/s on {a.r_a_m:g} m: turn rate up to "
         f"{a.turn_rate_limit_rad_s:.3g} rad/s with {a.lag_s:.3g} s of lag,\n"

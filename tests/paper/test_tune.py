@@ -123,16 +123,54 @@ def test_the_file_is_one_that_fly_takes_and_the_rest_of_it_stays(tuned):
         "law:\n  name: hashemi2013\n\n  kappa: 2\n# after\norbit: {radius_m: 30}\n",
         "orbit: {radius_m: 30}\nlaw: {name: hashemi2013,\n  kappa: 2}\nloop: {rate_hz: 20}",
         "law:  # a comment\n  # another\n  name: hashemi2013",
+        "law:\n  name: hashemi2013\n# at column 0\n  kappa: 2\n\n# after\norbit: {radius_m: 30}\n",
+        '"law": {"name": "hashemi2013", "kappa": 2}\norbit: {radius_m: 30}\n',
+        "'law':\n  name: hashemi2013\n  # after\norbit: {radius_m: 30}\n",
+        "law : {name: hashemi2013}\norbit: {radius_m: 30}\n",
+        "{law: {name: hashemi2013, kappa: 2}, orbit: {radius_m: 30}}",
+        "{orbit: {radius_m: 30}}",
+        '{"orbit": {"radius_m": 30},\n "law": {"name": "hashemi2013"},  # after\n "loop": {"rate_hz": 20}}\n',
+        "\ufefflaw: {name: hashemi2013}\norbit: {radius_m: 30}\n",
+        "\ufefforbit: {radius_m: 30}\n",
+        "law: {name: hashemi2013,\nkappa: 2}\norbit: {radius_m: 30}\n",
+        "law: {name: hashemi2013,\n# at column 0\nkappa: 2\n}  # gone\n# after\norbit: {radius_m: 30}\n",
+        "---\n  orbit: {radius_m: 30}\n  law:\n    name: hashemi2013\n  loop: {rate_hz: 20}\n...\n",
+        "---\norbit: {radius_m: 30}\n# after\n...\n",
+        "# only this: law: {name: none}, after\n",
+        "orbit: {radius_m: 30}\nlaw:\n  name: hashemi2013\n  kappa:\n    2  # gone\n",
+        "orbit:\n  radius_m: 30\nlaw:\n    name: hashemi2013\n    # after",
     ],
 )
 def test_a_section_is_replaced_wherever_it_stands(text):
-    block = tune_report.section("law", "hashemi2013", {"kappa": 4.5})
-    new = tune_report.replaced(text, "law", block)
-    config = parse(new)
+    new = tune_report.replaced(text, "law", "hashemi2013", {"kappa": 4.5})
+    config = parse("# a heading\n" + new)
     assert config.law.options == {"kappa": 4.5}
     assert config.orbit == parse(text).orbit
     assert config.loop == parse(text).loop
-    assert ("# after" in new) is ("# after" in text)
+    assert ("after" in new) is ("after" in text)
+    assert "gone" not in new
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "study: &a {wind_m_s: 1}\nlaw: *b\n",
+        "law: &a {name: hashemi2013}\nestimator: *a\n",
+        "{loop: &a {rate_hz: 20}, law: *a, orbit: {radius_m: 30}}",
+    ],
+)
+def test_a_form_that_cannot_be_edited_safely_is_refused_in_one_line(text):
+    with pytest.raises(ValueError, match="write law out plainly") as refused:
+        tune_report.replaced(text, "law", "hashemi2013", {"kappa": 4.5})
+    assert "\n" not in str(refused.value)
+
+
+def test_a_file_that_would_not_load_is_not_written():
+    too_little = Gains("hashemi2013", "direct", {"kappa": 0.5}, {}, AIRCRAFT)
+    with pytest.raises(ValueError, match=r"with its gains:\d+: law.*kappa") as refused:
+        tune_report.configured(TEXT, too_little)
+    assert "\n" not in str(refused.value)
+    assert parse(tune_report.configured("\ufeff" + TEXT, gains_of(CONFIG, AIRCRAFT))).law == CONFIG.law
 
 
 def test_the_front_holds_what_nothing_beats_in_all_four():
