@@ -158,7 +158,7 @@ def tune(
             aircraft = aircraft.as_seen(seen)
             typer.echo(f"from the log: {seen}")
         original = config.read_text(encoding="utf-8")
-        tune_report.configured(original, gains_of(settings, aircraft))  # what cannot be written is refused now
+        tune_report.configured(original, gains_of(settings, aircraft), aircraft)  # what cannot be written: refused now
         with executor(scheduler) as pool, _bar("searching") as tell:
             tuned = search.tune(
                 settings,

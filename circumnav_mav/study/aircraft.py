@@ -67,7 +67,10 @@ class Aircraft:
         )
 
     def as_seen(self, seen: Seen) -> Aircraft:
-        """Return the aircraft with what a flight showed in place of what was assumed. Raises ValueError in words."""
+        """Return the aircraft with what a flight showed in place of what was assumed, to three digits: it gets written.
+
+        Raises ValueError in words.
+        """
         shown = {
             "sigma_r_m": seen.sigma_r_m,
             "range_rate_hz": seen.range_rate_hz,
@@ -76,7 +79,7 @@ class Aircraft:
         }
         if seen.wind_m_s is not None and seen.wind_m_s >= self.V_m_s:
             raise ValueError(f"the record shows a wind of {seen.wind_m_s:.3g} m/s, the vehicle flies {self.V_m_s:g}")
-        return replace(self, **{name: value for name, value in shown.items() if value is not None})
+        return replace(self, **{name: float(f"{value:.3g}") for name, value in shown.items() if value is not None})
 
     def scenarios(self) -> list[Scenario]:
         """Return calm air, half the wind with a wrong airspeed, and all of it.

@@ -11,9 +11,10 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, MaxNLocator, NullLocator
 
 from circumnav_mav.config import ConfigError, parse
-from circumnav_mav.study.aircraft import Gains
+from circumnav_mav.study.aircraft import Aircraft, Gains
 from circumnav_mav.study.tune import Score, Tuned, most_effort, pareto
 from circumnav_mav.study.tune_spaces import MEANINGS
+from circumnav_mav.yaml_line import with_value
 
 
 def section(kind: str, name: str, options: Mapping[str, float]) -> str:
@@ -74,11 +75,27 @@ def _end(key: yaml.Node, value: yaml.Node) -> int:
     return max(int(key.end_mark.index), int(value.end_mark.index))
 
 
-def configured(original: str, gains: Gains) -> str:
-    """Return the configuration with these gains. Raises ValueError, in one line, where it would not load."""
+TUNED_FOR = (
+    ("ranging", "sigma_m", "sigma_r_m"),
+    ("study", "wind_m_s", "wind_m_s"),
+    ("study", "range_rate_hz", "range_rate_hz"),
+    ("study", "turn_lag_s", "lag_s"),
+)
+"""Section and key of the file, and attribute of the aircraft, of what the command line or a record may say instead."""
+
+
+def configured(original: str, gains: Gains, aircraft: Aircraft) -> str:
+    """Return the configuration with these gains, and with what it does not say yet of the aircraft they are for.
+
+    Raises ValueError, in one line, where it would not load.
+    """
     text = replaced(original, "law", gains.law, gains.law_options)
     text = replaced(text, "estimator", gains.estimator, gains.estimator_options)
     try:
+        said = Aircraft.of(parse(text, "the configuration with its gains"))
+        for section_name, key, name in TUNED_FOR:
+            if getattr(said, name) != getattr(aircraft, name):
+                text = with_value(text, section_name, key, repr(getattr(aircraft, name)))
         parse(text, "the configuration with its gains")
     except ConfigError as error:
         raise ValueError(next(error.lines())) from error
@@ -88,7 +105,7 @@ def configured(original: str, gains: Gains) -> str:
 def yaml_text(original: str, tuned: Tuned, seed: int) -> str:
     """Return the configuration with the best gains, and a heading that says what they were tuned for."""
     a = tuned.aircraft
-    text = configured(original, tuned.best)
+    text = configured(original, tuned.best, a)
     heading = (
         f"# Gains found by `circumnav tune` (seed {seed}) for {a.V_m_s:g} m/s on {a.r_a_m:g} m: turn rate up to "
         f"{a.turn_rate_limit_rad_s:.3g} rad/s with {a.lag_s:.3g} s of lag,\n"

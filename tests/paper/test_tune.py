@@ -13,6 +13,7 @@ from circumnav_mav.guidance.kernel import EstimatorContext, LawContext
 from circumnav_mav.guidance.laws import LAWS
 from circumnav_mav.study import tune, tune_report
 from circumnav_mav.study.aircraft import Aircraft, Gains, fresh_gains, gains_of
+from circumnav_mav.study.from_log import Seen
 from circumnav_mav.study.tune import Score
 from circumnav_mav.study.tune_spaces import MEANINGS, NOTHING_TO_TUNE, SPACES
 
@@ -168,9 +169,37 @@ def test_a_form_that_cannot_be_edited_safely_is_refused_in_one_line(text):
 def test_a_file_that_would_not_load_is_not_written():
     too_little = Gains("hashemi2013", "direct", {"kappa": 0.5}, {}, AIRCRAFT)
     with pytest.raises(ValueError, match=r"with its gains:\d+: law.*kappa") as refused:
-        tune_report.configured(TEXT, too_little)
+        tune_report.configured(TEXT, too_little, AIRCRAFT)
     assert "\n" not in str(refused.value)
-    assert parse(tune_report.configured("\ufeff" + TEXT, gains_of(CONFIG, AIRCRAFT))).law == CONFIG.law
+    assert parse(tune_report.configured("\ufeff" + TEXT, gains_of(CONFIG, AIRCRAFT), AIRCRAFT)).law == CONFIG.law
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        TEXT,
+        "# no more\n",
+        "study: {wind_m_s: 2, range_rate_hz: 10}  # kept\norbit: {radius_m: 20}\n",
+        "study:\n  turn_lag_s: null  # kept\nranging:\n  sigma_m: 0.3  # kept\n",
+        "{orbit: {radius_m: 20}, law: {name: hashemi2013}}",
+    ],
+)
+@pytest.mark.parametrize(
+    ("wind_m_s", "range_rate_hz", "seen"),
+    [
+        (None, None, Seen(0.87654, 4.9876, 0.71234, 1.98765, ())),
+        (1.23456, 7.1, Seen(1e-5, None, None, None, ())),
+        (0.0, None, Seen(None, None, None, None, ())),
+    ],
+)
+def test_the_aircraft_read_back_from_the_file_is_the_one_that_was_tuned_for(tuned, text, wind_m_s, range_rate_hz, seen):
+    config = parse(text)
+    aircraft = Aircraft.of(config, wind_m_s, range_rate_hz).as_seen(seen)
+    found = replace(tuned, aircraft=aircraft)
+    new = tune_report.yaml_text(text, found, seed=1)
+    assert Aircraft.of(parse(new)) == aircraft
+    assert new.count("# kept") == text.count("# kept")
+    assert parse(new).orbit == config.orbit
 
 
 def test_the_front_holds_what_nothing_beats_in_all_four():
