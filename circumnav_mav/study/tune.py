@@ -82,11 +82,17 @@ OBJECTIVES = ("error in calm", "effort", "settling", "error at worst")
 class Tuned:
     aircraft: Aircraft
     present: Gains
-    best: Gains
+    best: Gains  # of the search
     flown: Flown  # the present gains, then every candidate of the search in order
     before: Score  # of the present gains, on fresh noise
     after: Score  # of the best ones, on the same
     fresh_runs: int
+
+    @property
+    def won(self) -> bool:
+        """Whether the best of the search does better on the fresh runs too, by the same preference."""
+        limit = max(1.0, self.before.effort)
+        return self.after.value(limit) < self.before.value(limit)
 
 
 def judge(gains: Gains, runs: int, seed: int, pool: Executor) -> Score:

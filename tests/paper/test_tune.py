@@ -263,7 +263,26 @@ def test_the_plot_is_drawn(tuned, tmp_path):
 
 
 def test_the_words_say_what_was_gained(tuned):
-    *_, last = tune_report.lines(tuned)
-    assert "times smaller" in last
-    *_, last = tune_report.lines(replace(tuned, best=tuned.present))
-    assert "best that were found" in last
+    def last(worst, calm):
+        after = before._replace(rms_worst_m=worst, rms_calm_m=calm, settle_s=20.0)
+        return list(tune_report.lines(replace(tuned, before=before, after=after)))[-1]
+
+    before = Score(1.0, 2.0, 1.5, 50.0, 0.0)
+    assert last(1.0, 2.0) == "the worst error is 2 times smaller, that in calm 2 times larger, at +0.0% of effort"
+    assert "the worst error is 1.13 times larger, that in calm 1.25 times smaller" in last(2.0 / 0.887, 0.8)
+    assert "the worst error is as it was, that in calm as it was" in last(2.0, 1.0001)
+    *_, said = tune_report.lines(replace(tuned, best=tuned.present, after=tuned.before))
+    assert "best that were found" in said
+
+
+@pytest.mark.parametrize("change", [{"rms_worst_m": 2.0 / 0.887}, {"lost": 0.2}, {"effort": 2.0}, {}])
+def test_what_loses_on_the_fresh_runs_is_not_written_and_no_gain(tuned, change):
+    before = Score(1.0, 2.0, 1.5, 50.0, 0.0)
+    lost = replace(tuned, before=before, after=before._replace(**change))
+    assert not lost.won and tuned.won
+    *_, said = tune_report.lines(lost)
+    assert "loses to the present gains" in said and "smaller" not in said
+    text = tune_report.yaml_text(TEXT, lost, seed=1)
+    assert gains_of(parse(text), AIRCRAFT) == tuned.present != tuned.best
+    assert text.startswith("# Gains not bettered by `circumnav tune`") and TEXT in text
+    assert json.loads(tune_report.to_json(lost, seed=1))["written"] == "before"
