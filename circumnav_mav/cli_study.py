@@ -121,7 +121,9 @@ def tune(
     out: Annotated[Path, typer.Option(help="write the configuration with the gains found here")] = Path("tuned.yaml"),
     wind: Annotated[
         float | None,
-        typer.Option(help="strongest wind [m/s]; default study.wind_m_s, or else a fifth of the speed", min=0),
+        typer.Option(
+            help="strongest wind [m/s], up to 0.8 of the speed; default study.wind_m_s, or else a fifth", min=0
+        ),
     ] = None,
     range_rate: Annotated[
         float | None, typer.Option(help="ranges a second; default study.range_rate_hz", min=0.1)

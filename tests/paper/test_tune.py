@@ -47,8 +47,12 @@ def test_the_aircraft_is_that_of_the_configuration():
     said = Aircraft.of(parse(TEXT + "study: {wind_m_s: 0.5, range_rate_hz: 4, turn_lag_s: 0.7}"))
     assert (said.wind_m_s, said.range_rate_hz, said.lag_s, said.told_lag_s) == (0.5, 4.0, 0.7, AIRCRAFT.lag_s)
     assert Aircraft.of(CONFIG, wind_m_s=0.0).wind_m_s == 0.0
-    with pytest.raises(ValueError, match="wind"):
-        Aircraft.of(CONFIG, wind_m_s=5.0, range_rate_hz=5.0)
+    assert Aircraft.of(CONFIG, wind_m_s=4.0).wind_m_s == 4.0
+    for much in (4.01, 4.99, 5.0, math.nan):
+        with pytest.raises(ValueError, match=r"0 to 4 m/s, 0\.8 of the speed of 5 m/s.*hardly come back"):
+            Aircraft.of(CONFIG, wind_m_s=much, range_rate_hz=5.0)
+        with pytest.raises(ValueError, match="hardly come back"):
+            AIRCRAFT.as_seen(Seen(None, None, None, much, ()))
     with pytest.raises(ValueError, match="rate"):
         Aircraft.of(CONFIG, wind_m_s=1.0, range_rate_hz=0.0)
 
