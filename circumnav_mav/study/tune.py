@@ -135,8 +135,9 @@ def tune(
 ) -> Tuned:
     """Search the gains, `evaluations` a pair, and judge the best against the present ones on fresh noise.
 
-    The answer asks for no more effort than the present gains, unless they fall short of the circle's own. The same
-    numbers for a seed, whatever the workers (default: one a core). executor: takes the flights elsewhere, in
+    Effort beyond that of the present gains (or the circle's own, where they fall short of it) is a soft limit: each
+    per cent more weighs as much as a third more error at worst, so the answer may ask for a little more, not for much.
+    The same numbers for a seed, whatever the workers (default: one a core). executor: takes the flights elsewhere, in
     place of threads.
     """
     present = gains_of(config, aircraft)

@@ -232,6 +232,8 @@ def test_a_score_punishes_effort_beyond_the_present_and_lost_runs():
     assert good._replace(effort=1.2).value(1.0) > good._replace(effort=1.2).value(1.3) > good.value(1.3)
     assert good._replace(effort=0.0).value(1.0) == good.value(1.0)
     assert good._replace(lost=0.1).value(1.0) > good.value(1.0) + 0.9
+    dearer, worse = good._replace(effort=1.01), good._replace(rms_worst_m=2.0 * 4.0 / 3.0)
+    assert math.isclose(dearer.value(1.0), worse.value(1.0), abs_tol=0.01)  # a soft limit, as tune() says
     assert math.isclose(good.value(1.0), 0.7 * math.log(2.0) + 0.5 * math.log(51.0))
 
 
