@@ -136,7 +136,9 @@ def tune(
     out: Annotated[Path, typer.Option(help="write the configuration with the gains found here")] = Path("tuned.yaml"),
     wind: Annotated[
         float | None,
-        typer.Option(help="strongest wind [m/s]; default study.wind_m_s, or else a fifth of the speed", min=0),
+        typer.Option(
+            help="strongest wind [m/s], up to 0.8 of the speed; default study.wind_m_s, or else a fifth", min=0
+        ),
     ] = None,
     range_rate: Annotated[
         float | None, typer.Option(help="ranges a second; default study.range_rate_hz", min=0.1)
@@ -163,7 +165,7 @@ def tune(
         from circumnav_mav.config import load
         from circumnav_mav.study import tune as search
         from circumnav_mav.study import tune_report
-        from circumnav_mav.study.aircraft import Aircraft
+        from circumnav_mav.study.aircraft import Aircraft, gains_of
         from circumnav_mav.study.from_log import look
         from circumnav_mav.study.scheduler import executor
 
@@ -173,6 +175,8 @@ def tune(
             seen = look(from_log)
             aircraft = aircraft.as_seen(seen)
             typer.echo(f"from the log: {seen}")
+        original = config.read_text(encoding="utf-8")
+        tune_report.configured(original, gains_of(settings, aircraft), aircraft)  # what cannot be written: refused now
         with executor(scheduler) as pool, bar.shown("searching") as tell:
             tuned = search.tune(
                 settings,
@@ -192,7 +196,7 @@ def tune(
         typer.echo(f"\non {tuned.fresh_runs} fresh runs in each of three situations:")
         for line in tune_report.lines(tuned):
             typer.echo(line)
-        out.write_text(tune_report.yaml_text(config.read_text(encoding="utf-8"), tuned, seed), encoding="utf-8")
+        out.write_text(tune_report.yaml_text(original, tuned, seed), encoding="utf-8")
         typer.echo(f"written    {out}")
         if json is not None:
             json.write_text(tune_report.to_json(tuned, seed), encoding="utf-8")

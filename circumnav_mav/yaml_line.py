@@ -28,7 +28,11 @@ def _edit(text: str, section: str, key: str, value: str) -> str:
     end_of_line = "\r\n" if "\r\n" in text else "\n"
     root = yaml.compose(text, Loader=yaml.SafeLoader)
     if root is None or _value_of(root, section) is None:
-        return _add_section(text, root, f"{section}:{end_of_line}  {key}: {value}{end_of_line}", end_of_line)
+        if isinstance(root, yaml.MappingNode) and root.flow_style:  # the whole file stands in braces
+            at = root.start_mark.index + 1
+            return f"{text[:at]}{section}: {{{key}: {value}}}{', ' if root.value else ''}{text[at:]}"
+        gap = "" if not text or text.endswith("\n") else end_of_line
+        return f"{text}{gap}{section}:{end_of_line}  {key}: {value}{end_of_line}"
     body = _value_of(root, section)
     if isinstance(body, yaml.ScalarNode) and body.tag == "tag:yaml.org,2002:null":
         at = _after_key(root, section)  # `section:` with nothing in it
@@ -49,13 +53,6 @@ def _replace(text: str, old: yaml.Node, value: str) -> str:
     start, end = old.start_mark.index, old.end_mark.index
     space = "" if start == 0 or text[start - 1] in " \t" else " "  # `key:` with nothing behind it
     return f"{text[:start]}{space}{value}{text[end:]}"
-
-
-def _add_section(text: str, root: yaml.Node | None, lines: str, end_of_line: str) -> str:
-    if isinstance(root, yaml.MappingNode) and root.flow_style:
-        raise ValueError("the whole file stands in braces: set the value by hand")
-    gap = "" if not text or text.endswith("\n") else end_of_line
-    return f"{text}{gap}{lines}"
 
 
 def _value_of(node: yaml.Node, key: str) -> yaml.Node | None:

@@ -20,6 +20,9 @@ CONTROL_S = 0.05
 WIND_SHARE = 0.2
 """The strongest wind, as a share of the speed, where none is given."""
 
+MOST_WIND_SHARE = 0.8
+"""Above it the aircraft makes a fifth of its speed against the wind: a run from far takes long and proves little."""
+
 BELIEVED_SPEED = 1.05
 """Believed over true speed in one of the situations."""
 
@@ -49,8 +52,7 @@ class Aircraft:
         wind_m_s = study.wind_m_s if wind_m_s is None else wind_m_s
         wind_m_s = WIND_SHARE * context.V if wind_m_s is None else wind_m_s
         range_rate_hz = study.range_rate_hz if range_rate_hz is None else range_rate_hz
-        if not 0.0 <= wind_m_s < context.V:
-            raise ValueError(f"the wind must be 0 or more and below the speed of {context.V:g} m/s, not {wind_m_s:g}")
+        _check_wind(wind_m_s, context.V)
         if not range_rate_hz > 0.0:
             raise ValueError(f"the ranges need a rate above 0 Hz, not {range_rate_hz:g}")
         return Aircraft(
@@ -67,16 +69,19 @@ class Aircraft:
         )
 
     def as_seen(self, seen: Seen) -> Aircraft:
-        """Return the aircraft with what a flight showed in place of what was assumed. Raises ValueError in words."""
+        """Return the aircraft with what a flight showed in place of what was assumed, to three digits: it gets written.
+
+        Raises ValueError in words.
+        """
         shown = {
             "sigma_r_m": seen.sigma_r_m,
             "range_rate_hz": seen.range_rate_hz,
             "lag_s": seen.lag_s,
             "wind_m_s": seen.wind_m_s,
         }
-        if seen.wind_m_s is not None and seen.wind_m_s >= self.V_m_s:
-            raise ValueError(f"the record shows a wind of {seen.wind_m_s:.3g} m/s, the vehicle flies {self.V_m_s:g}")
-        return replace(self, **{name: value for name, value in shown.items() if value is not None})
+        if seen.wind_m_s is not None:
+            _check_wind(seen.wind_m_s, self.V_m_s)
+        return replace(self, **{name: float(f"{value:.3g}") for name, value in shown.items() if value is not None})
 
     def scenarios(self) -> list[Scenario]:
         """Return calm air, half the wind with a wrong airspeed, and all of it.
@@ -101,6 +106,14 @@ class Aircraft:
         )
         half = replace(calm, wind_m_s=0.5 * self.wind_m_s, believed_speed=BELIEVED_SPEED)
         return [calm, half, replace(calm, wind_m_s=self.wind_m_s)]
+
+
+def _check_wind(wind_m_s: float, V_m_s: float) -> None:
+    if not 0.0 <= wind_m_s <= MOST_WIND_SHARE * V_m_s:
+        raise ValueError(
+            f"a wind of {wind_m_s:.4g} m/s cannot be tuned for: it must be 0 to {MOST_WIND_SHARE * V_m_s:.4g} m/s, "
+            f"{MOST_WIND_SHARE:g} of the speed of {V_m_s:g} m/s, for against more the aircraft can hardly come back"
+        )
 
 
 @dataclass(frozen=True)

@@ -51,12 +51,13 @@ def look(record: Path) -> Seen:
     try:
         columns = read_columns(file)
     except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "not a text file"
+        wanted = "it is not text; give the flight's directory, or the ticks.csv in it"
+        reason = error.strerror if isinstance(error, OSError) else wanted
         raise ValueError(f"cannot read {file}: {reason}") from error
     names = ("t_s", "range_m", "turn_rate_sent_rad_s", "turn_rate_flown_rad_s", "speed_m_s")
     missing = [name for name in names if name not in columns]
     if missing:
-        raise ValueError(f"{file} is not a flight record: it has no column {missing[0]}")
+        raise ValueError(f"{file} is not the ticks.csv of a flight record: it has no column {missing[0]}")
     t, ranges, sent, flown, speed = (numbers(columns[name]) for name in names)
     if len(t) < 2:
         raise ValueError(f"{file} holds no flight")

@@ -82,11 +82,17 @@ OBJECTIVES = ("error in calm", "effort", "settling", "error at worst")
 class Tuned:
     aircraft: Aircraft
     present: Gains
-    best: Gains
+    best: Gains  # of the search
     flown: Flown  # the present gains, then every candidate of the search in order
     before: Score  # of the present gains, on fresh noise
     after: Score  # of the best ones, on the same
     fresh_runs: int
+
+    @property
+    def won(self) -> bool:
+        """Whether the best of the search does better on the fresh runs too, by the same preference."""
+        limit = max(1.0, self.before.effort)
+        return self.after.value(limit) < self.before.value(limit)
 
 
 def judge(gains: Gains, runs: int, seed: int, pool: Executor) -> Score:
@@ -129,8 +135,9 @@ def tune(
 ) -> Tuned:
     """Search the gains, `evaluations` a pair, and judge the best against the present ones on fresh noise.
 
-    The answer asks for no more effort than the present gains, unless they fall short of the circle's own. The same
-    numbers for a seed, whatever the workers (default: one a core). executor: takes the flights elsewhere, in
+    Effort beyond that of the present gains (or the circle's own, where they fall short of it) is a soft limit: each
+    per cent more weighs as much as a third more error at worst, so the answer may ask for a little more, not for much.
+    The same numbers for a seed, whatever the workers (default: one a core). executor: takes the flights elsewhere, in
     place of threads.
     """
     present = gains_of(config, aircraft)

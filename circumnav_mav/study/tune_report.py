@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import json
-import re
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
+import yaml
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, MaxNLocator, NullLocator
 
-from circumnav_mav.study.aircraft import Gains
+from circumnav_mav.config import ConfigError, parse
+from circumnav_mav.study.aircraft import Aircraft, Gains
 from circumnav_mav.study.tune import Score, Tuned, most_effort, pareto
 from circumnav_mav.study.tune_spaces import MEANINGS
+from circumnav_mav.yaml_line import with_value
 
 
 def section(kind: str, name: str, options: Mapping[str, float]) -> str:
@@ -24,23 +26,93 @@ def section(kind: str, name: str, options: Mapping[str, float]) -> str:
     return "\n".join(rows) + "\n"
 
 
-def replaced(text: str, kind: str, block: str) -> str:
-    """Return a configuration with one top-level section replaced, or added at its end; the rest stays as it is."""
-    found = re.search(rf"^{kind}:.*\n?(?:[ \t].*\n?|[ \t]*\n|[}}\]].*\n?)*", text, re.MULTILINE)
-    if found is None:
+def replaced(text: str, kind: str, name: str, options: Mapping[str, float]) -> str:
+    """Return a configuration with one top-level section replaced, or added at its end; the rest stays as it is.
+
+    Comments inside the old section go with it, for they speak of the old gains. Raises ValueError, in words, where
+    the form of the file (an alias for the section, say) does not let that be done safely.
+    """
+    text = text.removeprefix(BYTE_ORDER_MARK)
+    try:
+        new = _replaced(text, kind, name, options)
+        whole, got = yaml.safe_load(text) or {}, yaml.safe_load(new)
+    except yaml.YAMLError as error:
+        raise ValueError(_BY_HAND.format(kind)) from error
+    # Values as the new section's own text gives them.
+    if got != {**whole, **yaml.safe_load(section(kind, name, options))}:
+        raise ValueError(_BY_HAND.format(kind))
+    return new
+
+
+BYTE_ORDER_MARK = "\ufeff"
+"""May stand nowhere but first, and a heading is put there."""
+
+_BY_HAND = "the form of the file is too intricate to put gains into (an anchor or alias?): write {} out plainly in it"
+
+
+def _replaced(text: str, kind: str, name: str, options: Mapping[str, float]) -> str:
+    root = yaml.compose(text, Loader=yaml.SafeLoader)
+    block = section(kind, name, options)
+    if not isinstance(root, yaml.MappingNode):
         return f"{text.rstrip()}\n\n{block}" if text.strip() else block
-    old = found.group()
-    gap = "\n" * (len(old) - len(old.rstrip("\n")) - 1)
-    return text[: found.start()] + block + gap + text[found.end() :]
+    found = next(((key, value) for key, value in root.value if key.value == kind), None)
+    if root.flow_style:
+        pairs = ", ".join(f"{option}: {value:g}" for option, value in options.items())
+        flow = f"{kind}: {{name: {name}{', ' if pairs else ''}{pairs}}}"
+        if found is None:
+            at = root.start_mark.index + 1
+            return f"{text[:at]}{flow}{', ' if root.value else ''}{text[at:]}"
+        return text[: found[0].start_mark.index] + flow + text[_end(*found) :]
+    block = block.replace("\n", "\n" + " " * root.start_mark.column).rstrip()
+    if found is None:
+        before, after = text[: root.end_mark.index].rstrip(), text[root.end_mark.index :]
+        return f"{before}\n\n{' ' * root.start_mark.column}{block}\n{after}"
+    _, _, after = text[_end(*found) :].partition("\n")
+    return f"{text[: found[0].start_mark.index]}{block}\n{after}"
+
+
+def _end(key: yaml.Node, value: yaml.Node) -> int:
+    """Return where the text of a key and its value ends; PyYAML has a block end where the next thing begins."""
+    if isinstance(value, yaml.MappingNode) and value.value and not value.flow_style:
+        return _end(*value.value[-1])
+    return max(int(key.end_mark.index), int(value.end_mark.index))
+
+
+TUNED_FOR = (
+    ("ranging", "sigma_m", "sigma_r_m"),
+    ("study", "wind_m_s", "wind_m_s"),
+    ("study", "range_rate_hz", "range_rate_hz"),
+    ("study", "turn_lag_s", "lag_s"),
+)
+"""Section and key of the file, and attribute of the aircraft, of what the command line or a record may say instead."""
+
+
+def configured(original: str, gains: Gains | None, aircraft: Aircraft) -> str:
+    """Return the configuration with these gains (None: its own), and with what it does not say of their aircraft.
+
+    Raises ValueError, in one line, where it would not load.
+    """
+    text = original.removeprefix(BYTE_ORDER_MARK)
+    if gains is not None:
+        text = replaced(text, "law", gains.law, gains.law_options)
+        text = replaced(text, "estimator", gains.estimator, gains.estimator_options)
+    try:
+        said = Aircraft.of(parse(text, "the configuration with its gains"))
+        for section_name, key, name in TUNED_FOR:
+            if getattr(said, name) != getattr(aircraft, name):
+                text = with_value(text, section_name, key, repr(getattr(aircraft, name)))
+        parse(text, "the configuration with its gains")
+    except ConfigError as error:
+        raise ValueError(next(error.lines())) from error
+    return text
 
 
 def yaml_text(original: str, tuned: Tuned, seed: int) -> str:
-    """Return the configuration with the best gains, and a heading that says what they were tuned for."""
-    a, best = tuned.aircraft, tuned.best
-    text = replaced(original, "law", section("law", best.law, best.law_options))
-    text = replaced(text, "estimator", section("estimator", best.estimator, best.estimator_options))
+    """Return the configuration with the gains to fly, and a heading that says what they were tuned for."""
+    a, how = tuned.aircraft, "found" if tuned.won else "not bettered"
+    text = configured(original, tuned.best if tuned.won else None, a)
     heading = (
-        f"# Gains found by `circumnav tune` (seed {seed}) for {a.V_m_s:g} m/s on {a.r_a_m:g} m: turn rate up to "
+        f"# Gains {how} by `circumnav tune` (seed {seed}) for {a.V_m_s:g} m/s on {a.r_a_m:g} m: turn rate up to "
         f"{a.turn_rate_limit_rad_s:.3g} rad/s with {a.lag_s:.3g} s of lag,\n"
         f"# range noise {a.sigma_r_m:.3g} m at {a.range_rate_hz:.3g} Hz, wind up to {a.wind_m_s:.3g} m/s.\n"
         f"# On {tuned.fresh_runs} fresh runs each in calm, in half the wind with the speed believed 5 % high, and in "
@@ -51,14 +123,26 @@ def yaml_text(original: str, tuned: Tuned, seed: int) -> str:
 
 def lines(tuned: Tuned) -> Iterator[str]:
     """Yield what the tuning gained, on fresh noise."""
-    yield f"before  {_told(tuned.present, tuned.before)}"
-    yield f"after   {_told(tuned.best, tuned.after)}"
+    before, after = tuned.before, tuned.after
+    yield f"before  {_told(tuned.present, before)}"
     if tuned.best == tuned.present:
-        yield "the present gains are the best that were found"
+        yield "the present gains are the best that were found, and stay"
         return
-    ratio = tuned.before.rms_worst_m / tuned.after.rms_worst_m
-    effort = tuned.after.effort / tuned.before.effort - 1.0
-    yield f"the worst error is {ratio:.3g} times smaller, at {effort:+.1%} of effort"
+    yield f"{'after ' if tuned.won else 'found '}  {_told(tuned.best, after)}"
+    if not tuned.won:
+        yield "what was found loses to the present gains on these runs: the present gains stay"
+        return
+    yield (
+        f"the worst error is {_times(after.rms_worst_m / before.rms_worst_m)}, that in calm "
+        f"{_times(after.rms_calm_m / before.rms_calm_m)}, at {after.effort / before.effort - 1.0:+.1%} of effort"
+    )
+
+
+def _times(ratio: float) -> str:
+    """Return a ratio of errors, after over before, in words."""
+    if f"{ratio:.3g}" == "1":
+        return "as it was"
+    return f"{1.0 / ratio:.3g} times smaller" if ratio < 1.0 else f"{ratio:.3g} times larger"
 
 
 def _told(gains: Gains, score: Score) -> str:
@@ -99,6 +183,7 @@ def to_json(tuned: Tuned, seed: int) -> str:
             "fresh_runs": tuned.fresh_runs,
             "before": told(tuned.present, tuned.before),
             "after": told(tuned.best, tuned.after),
+            "written": "after" if tuned.won else "before",
             "pareto": [told(*one) for one in pareto(tuned.flown)],
         },
         indent=1,
@@ -127,7 +212,10 @@ def draw(tuned: Tuned, file: Path) -> None:
             kept = [score for gains, score in tuned.flown if gains.pair == pair]
             axes.plot([x(s) for s in kept], [y(s) for s in kept], "o", color=colour, ms=3, alpha=0.4, label=pair)
         axes.plot([x(s) for s in front], [y(s) for s in front], "ko", ms=5, mfc="none", label="Pareto set of all four")
-        for label, score, marker in (("present", tuned.before, "rs"), ("tuned", tuned.after, "g*")):
+        for label, score, marker in (
+            ("present", tuned.before, "rs"),
+            ("tuned" if tuned.won else "found", tuned.after, "g*"),
+        ):
             axes.plot([x(score)], [y(score)], marker, ms=9, label=f"{label}, on fresh noise")
         axes.set(xscale="log", yscale="log", xlabel=x_label, ylabel=y_label)
         for axis in (axes.xaxis, axes.yaxis):

@@ -33,6 +33,8 @@ def bias(text: str) -> str:
         ("ranging:\norbit: {radius_m: 5}\n", "ranging:\n  bias_m: 0.312\norbit: {radius_m: 5}\n"),
         ("ranging:   # later\norbit: {}\n", "ranging:\n  bias_m: 0.312   # later\norbit: {}\n"),
         ("orbit: {radius_m: 5}", "orbit: {radius_m: 5}\nranging:\n  bias_m: 0.312\n"),
+        ("{orbit: {radius_m: 5}}", "{ranging: {bias_m: 0.312}, orbit: {radius_m: 5}}"),
+        ("{}\n", "{ranging: {bias_m: 0.312}}\n"),
         ("# nothing yet\n", "# nothing yet\nranging:\n  bias_m: 0.312\n"),
         ("", "ranging:\n  bias_m: 0.312\n"),
         ("ranging:\r\n  bias_m: 0\r\norbit: {}\r\n", "ranging:\r\n  bias_m: 0.312\r\norbit: {}\r\n"),
@@ -62,7 +64,6 @@ def test_a_shipped_file_keeps_every_comment(path):
     "text",
     [
         "base: &b {sigma_m: 1}\nranging:\n  <<: *b\norbit: *b\nranging2: [\n",
-        "{orbit: {radius_m: 5}}",
         "ranging: 5\n",
         "- 1\n",
         "base: &b {bias_m: 1}\nranging: *b\n",

@@ -118,3 +118,13 @@ def test_tune_writes_what_it_says(tmp_path, config, monkeypatch):
     assert none.exit_code == 0
     assert "up to 0.5 m/s" in (tmp_path / "no.yaml").read_text()
     assert not (tmp_path / "no.png").exists()
+
+
+def test_a_file_that_no_gains_can_be_written_into_is_refused_before_the_work(tmp_path, monkeypatch):
+    monkeypatch.setattr(tune, "tune", lambda *_, **__: pytest.fail("it went to work"))
+    file = tmp_path / "plane.yaml"
+    file.write_text("{law: &a {name: hashemi2013}, orbit: {radius_m: 20}, estimator: {name: direct, <<: *a}}")
+    done = run("tune", file, "--out", tmp_path / "new.yaml", "--wind", 1)
+    assert done.exit_code == 2
+    assert "too intricate" in done.stderr and len(done.stderr.splitlines()) == 1
+    assert not (tmp_path / "new.yaml").exists()

@@ -68,6 +68,9 @@ def test_what_is_no_record_is_refused_in_words(tmp_path, text):
         from_log.look(tmp_path)
     with pytest.raises(ValueError, match="cannot read"):
         from_log.look(tmp_path / "none")
+    (tmp_path / "flight.tlog").write_bytes(b"\x00\x06\x1b\xfd\x09\xff\xfe")
+    with pytest.raises(ValueError, match=r"flight\.tlog: it is not text.* the ticks\.csv"):
+        from_log.look(tmp_path / "flight.tlog")
 
 
 def test_an_aircraft_takes_what_was_seen_and_keeps_the_rest():

@@ -13,6 +13,7 @@ from circumnav_mav.guidance.kernel import EstimatorContext, LawContext
 from circumnav_mav.guidance.laws import LAWS
 from circumnav_mav.study import tune, tune_report
 from circumnav_mav.study.aircraft import Aircraft, Gains, fresh_gains, gains_of
+from circumnav_mav.study.from_log import Seen
 from circumnav_mav.study.tune import Score
 from circumnav_mav.study.tune_spaces import MEANINGS, NOTHING_TO_TUNE, SPACES
 
@@ -46,8 +47,12 @@ def test_the_aircraft_is_that_of_the_configuration():
     said = Aircraft.of(parse(TEXT + "study: {wind_m_s: 0.5, range_rate_hz: 4, turn_lag_s: 0.7}"))
     assert (said.wind_m_s, said.range_rate_hz, said.lag_s, said.told_lag_s) == (0.5, 4.0, 0.7, AIRCRAFT.lag_s)
     assert Aircraft.of(CONFIG, wind_m_s=0.0).wind_m_s == 0.0
-    with pytest.raises(ValueError, match="wind"):
-        Aircraft.of(CONFIG, wind_m_s=5.0, range_rate_hz=5.0)
+    assert Aircraft.of(CONFIG, wind_m_s=4.0).wind_m_s == 4.0
+    for much in (4.01, 4.99, 5.0, math.nan):
+        with pytest.raises(ValueError, match=r"0 to 4 m/s, 0\.8 of the speed of 5 m/s.*hardly come back"):
+            Aircraft.of(CONFIG, wind_m_s=much, range_rate_hz=5.0)
+        with pytest.raises(ValueError, match="hardly come back"):
+            AIRCRAFT.as_seen(Seen(None, None, None, much, ()))
     with pytest.raises(ValueError, match="rate"):
         Aircraft.of(CONFIG, wind_m_s=1.0, range_rate_hz=0.0)
 
@@ -123,16 +128,82 @@ def test_the_file_is_one_that_fly_takes_and_the_rest_of_it_stays(tuned):
         "law:\n  name: hashemi2013\n\n  kappa: 2\n# after\norbit: {radius_m: 30}\n",
         "orbit: {radius_m: 30}\nlaw: {name: hashemi2013,\n  kappa: 2}\nloop: {rate_hz: 20}",
         "law:  # a comment\n  # another\n  name: hashemi2013",
+        "law:\n  name: hashemi2013\n# at column 0\n  kappa: 2\n\n# after\norbit: {radius_m: 30}\n",
+        '"law": {"name": "hashemi2013", "kappa": 2}\norbit: {radius_m: 30}\n',
+        "'law':\n  name: hashemi2013\n  # after\norbit: {radius_m: 30}\n",
+        "law : {name: hashemi2013}\norbit: {radius_m: 30}\n",
+        "{law: {name: hashemi2013, kappa: 2}, orbit: {radius_m: 30}}",
+        "{orbit: {radius_m: 30}}",
+        '{"orbit": {"radius_m": 30},\n "law": {"name": "hashemi2013"},  # after\n "loop": {"rate_hz": 20}}\n',
+        "\ufefflaw: {name: hashemi2013}\norbit: {radius_m: 30}\n",
+        "\ufefforbit: {radius_m: 30}\n",
+        "law: {name: hashemi2013,\nkappa: 2}\norbit: {radius_m: 30}\n",
+        "law: {name: hashemi2013,\n# at column 0\nkappa: 2\n}  # gone\n# after\norbit: {radius_m: 30}\n",
+        "---\n  orbit: {radius_m: 30}\n  law:\n    name: hashemi2013\n  loop: {rate_hz: 20}\n...\n",
+        "---\norbit: {radius_m: 30}\n# after\n...\n",
+        "# only this: law: {name: none}, after\n",
+        "orbit: {radius_m: 30}\nlaw:\n  name: hashemi2013\n  kappa:\n    2  # gone\n",
+        "orbit:\n  radius_m: 30\nlaw:\n    name: hashemi2013\n    # after",
     ],
 )
 def test_a_section_is_replaced_wherever_it_stands(text):
-    block = tune_report.section("law", "hashemi2013", {"kappa": 4.5})
-    new = tune_report.replaced(text, "law", block)
-    config = parse(new)
+    new = tune_report.replaced(text, "law", "hashemi2013", {"kappa": 4.5})
+    config = parse("# a heading\n" + new)
     assert config.law.options == {"kappa": 4.5}
     assert config.orbit == parse(text).orbit
     assert config.loop == parse(text).loop
-    assert ("# after" in new) is ("# after" in text)
+    assert ("after" in new) is ("after" in text)
+    assert "gone" not in new
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "study: &a {wind_m_s: 1}\nlaw: *b\n",
+        "law: &a {name: hashemi2013}\nestimator: *a\n",
+        "{loop: &a {rate_hz: 20}, law: *a, orbit: {radius_m: 30}}",
+    ],
+)
+def test_a_form_that_cannot_be_edited_safely_is_refused_in_one_line(text):
+    with pytest.raises(ValueError, match="write law out plainly") as refused:
+        tune_report.replaced(text, "law", "hashemi2013", {"kappa": 4.5})
+    assert "\n" not in str(refused.value)
+
+
+def test_a_file_that_would_not_load_is_not_written():
+    too_little = Gains("hashemi2013", "direct", {"kappa": 0.5}, {}, AIRCRAFT)
+    with pytest.raises(ValueError, match=r"with its gains:\d+: law.*kappa") as refused:
+        tune_report.configured(TEXT, too_little, AIRCRAFT)
+    assert "\n" not in str(refused.value)
+    assert parse(tune_report.configured("\ufeff" + TEXT, gains_of(CONFIG, AIRCRAFT), AIRCRAFT)).law == CONFIG.law
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        TEXT,
+        "# no more\n",
+        "study: {wind_m_s: 2, range_rate_hz: 10}  # kept\norbit: {radius_m: 20}\n",
+        "study:\n  turn_lag_s: null  # kept\nranging:\n  sigma_m: 0.3  # kept\n",
+        "{orbit: {radius_m: 20}, law: {name: hashemi2013}}",
+    ],
+)
+@pytest.mark.parametrize(
+    ("wind_m_s", "range_rate_hz", "seen"),
+    [
+        (None, None, Seen(0.87654, 4.9876, 0.71234, 1.98765, ())),
+        (1.23456, 7.1, Seen(1e-5, None, None, None, ())),
+        (0.0, None, Seen(None, None, None, None, ())),
+    ],
+)
+def test_the_aircraft_read_back_from_the_file_is_the_one_that_was_tuned_for(tuned, text, wind_m_s, range_rate_hz, seen):
+    config = parse(text)
+    aircraft = Aircraft.of(config, wind_m_s, range_rate_hz).as_seen(seen)
+    found = replace(tuned, aircraft=aircraft)
+    new = tune_report.yaml_text(text, found, seed=1)
+    assert Aircraft.of(parse(new)) == aircraft
+    assert new.count("# kept") == text.count("# kept")
+    assert parse(new).orbit == config.orbit
 
 
 def test_the_front_holds_what_nothing_beats_in_all_four():
@@ -161,6 +232,8 @@ def test_a_score_punishes_effort_beyond_the_present_and_lost_runs():
     assert good._replace(effort=1.2).value(1.0) > good._replace(effort=1.2).value(1.3) > good.value(1.3)
     assert good._replace(effort=0.0).value(1.0) == good.value(1.0)
     assert good._replace(lost=0.1).value(1.0) > good.value(1.0) + 0.9
+    dearer, worse = good._replace(effort=1.01), good._replace(rms_worst_m=2.0 * 4.0 / 3.0)
+    assert math.isclose(dearer.value(1.0), worse.value(1.0), abs_tol=0.01)  # a soft limit, as tune() says
     assert math.isclose(good.value(1.0), 0.7 * math.log(2.0) + 0.5 * math.log(51.0))
 
 
@@ -196,7 +269,26 @@ def test_the_plot_is_drawn(tuned, tmp_path):
 
 
 def test_the_words_say_what_was_gained(tuned):
-    *_, last = tune_report.lines(tuned)
-    assert "times smaller" in last
-    *_, last = tune_report.lines(replace(tuned, best=tuned.present))
-    assert "best that were found" in last
+    def last(worst, calm):
+        after = before._replace(rms_worst_m=worst, rms_calm_m=calm, settle_s=20.0)
+        return list(tune_report.lines(replace(tuned, before=before, after=after)))[-1]
+
+    before = Score(1.0, 2.0, 1.5, 50.0, 0.0)
+    assert last(1.0, 2.0) == "the worst error is 2 times smaller, that in calm 2 times larger, at +0.0% of effort"
+    assert "the worst error is 1.13 times larger, that in calm 1.25 times smaller" in last(2.0 / 0.887, 0.8)
+    assert "the worst error is as it was, that in calm as it was" in last(2.0, 1.0001)
+    *_, said = tune_report.lines(replace(tuned, best=tuned.present, after=tuned.before))
+    assert "best that were found" in said
+
+
+@pytest.mark.parametrize("change", [{"rms_worst_m": 2.0 / 0.887}, {"lost": 0.2}, {"effort": 2.0}, {}])
+def test_what_loses_on_the_fresh_runs_is_not_written_and_no_gain(tuned, change):
+    before = Score(1.0, 2.0, 1.5, 50.0, 0.0)
+    lost = replace(tuned, before=before, after=before._replace(**change))
+    assert not lost.won and tuned.won
+    *_, said = tune_report.lines(lost)
+    assert "loses to the present gains" in said and "smaller" not in said
+    text = tune_report.yaml_text(TEXT, lost, seed=1)
+    assert gains_of(parse(text), AIRCRAFT) == tuned.present != tuned.best
+    assert text.startswith("# Gains not bettered by `circumnav tune`") and TEXT in text
+    assert json.loads(tune_report.to_json(lost, seed=1))["written"] == "before"

@@ -61,6 +61,14 @@ def test_the_configuration_is_scenario_r():
     assert load(CONFIG).law.options == {"kappa": 2.0}
 
 
+def test_the_largest_gain_that_never_saturates_is_what_check_says():
+    """2 k V is all that the law asks for: kappa = r_a limit / (2 V), with a limit of g tan(35 deg) / V."""
+    largest = 80.0 * 9.80665 * math.tan(math.radians(35.0)) / 15.0 / (2.0 * 15.0)
+    said = f"never saturates here is {largest:.3g}\n"
+    assert said in CONFIG.read_text(encoding="utf-8")
+    assert f"(kappa {largest:.3g} or less never does)" in CliRunner().invoke(app, ["check", str(CONFIG)]).stdout
+
+
 @pytest.mark.soak
 @pytest.mark.timeout(1800)
 def test_tune_beats_kappa_2_twice_at_no_more_effort(tmp_path, capsys):
