@@ -21,6 +21,7 @@ EXIT_USAGE = 2
 
 
 def study(
+    context: typer.Context,
     json: JsonFile = None,
     runs: Annotated[int, typer.Option(help="trajectories for each gain and wind", min=2)] = 500,
     seed: Seed = 1,
@@ -42,6 +43,8 @@ def study(
     scheduler: Scheduler = None,
 ) -> None:
     """Reproduce the paper's simulations: mean squares against the gain, calm and in wind, with confidence intervals."""
+    if load is not None:
+        _nothing_but_kept(context)
     _before_the_work([json, save], figures)
     with _extras(), _in_words():
         from circumnav_mav.study import paper, paper_figures
@@ -228,6 +231,19 @@ def _before_the_work(files: list[Path | None], folder: Path | None = None) -> No
     for trouble in (*map(refusal, files), refusal_of_folder(folder)):
         if trouble:
             _fail(trouble)
+
+
+def _nothing_but_kept(context: typer.Context) -> None:
+    """Leave with one line where --load stands beside options of a flight that it would pass over."""
+    given = [
+        f"--{name}"
+        for name in context.params
+        if name not in ("json", "figures", "save", "load")
+        and (source := context.get_parameter_source(name)) is not None
+        and source.name != "DEFAULT"
+    ]
+    if given:
+        _fail(f"--load shows runs as they were kept: leave out {', '.join(given)}, or leave out --load to fly anew")
 
 
 def _fail(text: str) -> NoReturn:

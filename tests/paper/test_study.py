@@ -68,6 +68,19 @@ def test_results_save_and_load(result, tmp_path):
     assert len(back.table("calm")) == 4
 
 
+def test_gains_that_differ_are_told_apart(result):
+    close = replace(result, options=replace(SMALL, gains_rad_m=(0.171, 0.175, 1.0)))
+    assert [row[0] for row in close.table("calm")[1:]] == ["0.171", "0.175", "1"]
+
+
+def test_no_json_is_written_of_what_is_no_number(result, tmp_path):
+    rows = result.rows.copy()
+    rows["mse_all"][0, 0, 0] = math.nan
+    with pytest.raises(ValueError, match="not finite"):
+        paper.write_json(replace(result, rows=rows), tmp_path / "a.json")
+    assert not (tmp_path / "a.json").exists()
+
+
 def test_every_figure_is_drawn_twice_and_reads_as_a_picture(result, tmp_path):
     files = paper_figures.draw(result, tmp_path / "figures")
     assert len(files) == 24
