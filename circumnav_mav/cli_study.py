@@ -67,7 +67,7 @@ def study(
                 result = paper.run(options, tell, pool)
         typer.echo(f"{result.steps} trajectory-steps in {result.elapsed_s:.2f} s: {result.rate_hz:.3g} a second")
         for air in paper.AIRS:
-            typer.echo(f"\n{air}")
+            typer.echo(f"\n{air}: {result.options.flown()}, {result.options.runs} runs for each gain")
             _print_table(result.table(air))
         if save is not None:
             paper.save(result, save)

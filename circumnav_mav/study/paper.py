@@ -33,7 +33,7 @@ GAINS = tuple(round(0.1 + 0.15 * n, 2) for n in range(20))
 START_MAX_M = 1e6
 """A run goes 350 m: it would see nothing of the target from there, and far beyond, squares of metres overflow."""
 GAIN_MAX_RAD_M = 1e6
-"""From k = 10 on the vehicle turns right round within a hold; squares of far larger ones overflow."""
+"""From k = 2 pi on the vehicle may turn right round within a hold; squares of far larger ones overflow."""
 
 WIND_SHARE, WIND_TOWARDS_RAD = 0.25, math.pi / 4
 
@@ -51,6 +51,16 @@ class Options:
     workers: int | None = None  # None: one a core
     law: str = LAW  # one with a gain kappa
     estimator: str | None = None  # None: the truth, with noise on r_dot
+
+    @property
+    def as_the_paper(self) -> bool:
+        """The paper's law, told what the paper tells it."""
+        return self.law == LAW and self.estimator is None
+
+    def flown(self, law: str | None = None) -> str:
+        """Return in words what flies: a law, these options' own unless named, and what tells it where it is."""
+        told = "the true range and a noisy range rate" if self.estimator is None else f"estimator {self.estimator}"
+        return f"{law or self.law} on {told}"
 
     def plant(self, air: str) -> Plant:
         """Return the paper's plant in calm air or in its wind. Raises ValueError in words for nonsense."""

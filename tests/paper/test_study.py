@@ -92,6 +92,41 @@ def test_every_figure_is_drawn_twice_and_reads_as_a_picture(result, tmp_path):
             assert file.stat().st_size > 8000
 
 
+def words_of(figure):
+    [axes] = figure.axes
+    return axes.get_title(), {text.get_text() for text in axes.get_legend().get_texts()}
+
+
+def test_figures_of_the_papers_law_are_named_as_its_own(result):
+    for picture in PICTURES:
+        assert words_of(paper_figures.painted(picture, result))[0].startswith(f"Figure {picture.number}: ")
+    assert words_of(paper_figures.painted(PICTURES[3], result))[1] >= {"$r_s$", "$r_{i-}$"}
+    assert "2 k V = π" in words_of(paper_figures.painted(PICTURES[6], result))[1]
+
+
+@pytest.mark.parametrize(("law", "estimator"), [("cao2013_smooth", None), ("hashemi2013", "direct")])
+def test_figures_of_another_law_or_estimator_say_so(law, estimator):
+    other = paper.run(replace(SMALL, runs=2, law=law, estimator=estimator, gains_rad_m=(0.4, 1.0)))
+    told = f"estimator {estimator}" if estimator else "the true range and a noisy range rate"
+    of_the_paper = law == "hashemi2013"
+    for picture in PICTURES[2:]:
+        title, labels = words_of(paper_figures.painted(picture, other))
+        assert "Figure" not in title and f"{law} on {told}" in title
+        assert of_the_paper or not labels & {"$r_s$", "$r_{i-}$", "2 k V = π"}
+        assert of_the_paper or "r_{i-}" not in title
+    outer = words_of(paper_figures.painted(PICTURES[0], other))[0]
+    assert ("hashemi2013_outer on estimator direct" in outer) if estimator else outer.startswith("Figure 1: ")
+
+
+def test_ticks_follow_figures_far_below_the_papers(result):
+    low = result.rows.copy()
+    for name in ("mse_all", "mse_tail"):
+        low[name] *= 1e-3
+    [axes] = paper_figures.painted(PICTURES[6], replace(result, rows=low)).axes
+    bottom, top = axes.get_ylim()
+    assert sum(bottom <= tick <= top for tick in axes.get_yticks()) >= 3
+
+
 def test_figures_are_numbered_as_in_the_paper():
     assert [picture.number for picture in PICTURES] == list(range(1, 13))
 
