@@ -17,6 +17,7 @@ from typing import Any
 from zipfile import BadZipFile
 
 import numpy as np
+from scipy.special import stdtrit
 
 from circumnav_mav.guidance.estimators import ESTIMATORS
 from circumnav_mav.guidance.laws import LAWS
@@ -107,9 +108,10 @@ class StudyResult:
         return means
 
     def ci95(self, air: str, field: str) -> np.ndarray[Any, np.dtype[np.float64]]:
-        """Return half the width of the 95 % confidence interval of that mean (normal; runs are independent)."""
+        """Return half the width of the 95 % confidence interval of that mean (Student's t; runs are independent)."""
         values = self.rows[AIRS.index(air)][field]
-        half: np.ndarray[Any, np.dtype[np.float64]] = 1.96 * values.std(axis=1, ddof=1) / math.sqrt(values.shape[1])
+        quantile = float(stdtrit(values.shape[1] - 1, 0.975))
+        half: np.ndarray[Any, np.dtype[np.float64]] = quantile * values.std(axis=1, ddof=1) / math.sqrt(values.shape[1])
         return half
 
     def summary(self) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""What the paper claims, measured: every number of docs/paper_study.md that is not in the study's own tables.
+"""What the paper claims, measured: the tables of docs/paper_study.md that `circumnav study` does not print.
 
     python -m circumnav_mav.study.paper_claims [FOLDER]
 
@@ -188,7 +188,8 @@ def set_slips() -> Iterator[Row]:
     drift = max(
         feasibility.lyapunov_drift(float(r), 1.5 * math.pi, R_A, 5.0) for r in np.linspace(orbits[1], r_s, 2000)
     )
-    yield "greatest L V outside the set, eps = 0, 1/m", f"{drift:+.3f}", "0"
+    printed_words = f"{drift:+.3f} (supremum 1 / r_s = {1.0 / r_s:.3f})"
+    yield "L V outside the set, eps = 0: greatest on a grid of 2,000 r, 1/m", printed_words, "0"
 
 
 PARTS = (

@@ -47,7 +47,10 @@ def test_means_and_intervals_are_those_of_single_runs_flown_by_the_plain_core(re
         r = paper_run.trace(one, SMALL.seed, run)["r_m"][350:]
         tails.append(np.mean((r - 10.0) ** 2))
     assert result.mean("wind", "mse_tail")[1] == pytest.approx(np.mean(tails), rel=1e-6)
-    assert result.ci95("wind", "mse_tail")[1] == pytest.approx(1.96 * np.std(tails, ddof=1) / math.sqrt(24), rel=1e-6)
+    assert result.ci95("wind", "mse_tail")[1] == pytest.approx(
+        2.06866 * np.std(tails, ddof=1) / math.sqrt(24),
+        rel=1e-5,  # Student's t, 23 degrees of freedom
+    )
 
 
 def test_intervals_hold_the_mean_of_many_other_runs(result):
@@ -57,6 +60,13 @@ def test_intervals_hold_the_mean_of_many_other_runs(result):
         for field in paper.FIELDS:
             error = np.hypot(result.ci95(air, field), other.ci95(air, field)) / 1.96
             assert np.all(np.abs(result.mean(air, field) - other.mean(air, field)) < 4.5 * error), (air, field)
+
+
+def test_intervals_of_two_runs_are_as_wide_as_two_runs_leave_them(result):
+    """Student's t with one degree of freedom is 12.7062, where the normal law has 1.96."""
+    two = replace(result, rows=result.rows[:, :, :2])
+    first, second = two.rows["mse_tail"][0, 0]
+    assert two.ci95("calm", "mse_tail")[0] == pytest.approx(12.7062 * abs(first - second) / 2.0, rel=1e-5)
 
 
 def test_results_save_and_load(result, tmp_path):
