@@ -22,6 +22,7 @@ EXIT_INTERRUPTED = 130
 
 
 def study(
+    context: typer.Context,
     json: JsonFile = None,
     runs: Annotated[int, typer.Option(help="trajectories for each gain and wind", min=2)] = 500,
     seed: Seed = 1,
@@ -43,6 +44,8 @@ def study(
     scheduler: Scheduler = None,
 ) -> None:
     """Reproduce the paper's simulations: mean squares against the gain, calm and in wind, with confidence intervals."""
+    if load is not None:
+        _nothing_but_kept(context)
     _before_the_work([json, save], figures)
     with _extras(), _in_words():
         from circumnav_mav import bar
@@ -66,7 +69,7 @@ def study(
                 result = paper.run(options, tell, pool)
         typer.echo(f"{result.steps} trajectory-steps in {result.elapsed_s:.2f} s: {result.rate_hz:.3g} a second")
         for air in paper.AIRS:
-            typer.echo(f"\n{air}")
+            typer.echo(f"\n{air}: {result.options.flown()}, {result.options.runs} runs for each gain")
             _print_table(result.table(air))
         if save is not None:
             paper.save(result, save)
@@ -238,6 +241,19 @@ def _before_the_work(files: list[Path | None], folder: Path | None = None) -> No
     for trouble in (*map(refusal, files), refusal_of_folder(folder)):
         if trouble:
             _fail(trouble)
+
+
+def _nothing_but_kept(context: typer.Context) -> None:
+    """Leave with one line where --load stands beside options of a flight that it would pass over."""
+    given = [
+        f"--{name}"
+        for name in context.params
+        if name not in ("json", "figures", "save", "load")
+        and (source := context.get_parameter_source(name)) is not None
+        and source.name != "DEFAULT"
+    ]
+    if given:
+        _fail(f"--load shows runs as they were kept: leave out {', '.join(given)}, or leave out --load to fly anew")
 
 
 def _fail(text: str, code: int = EXIT_USAGE) -> NoReturn:

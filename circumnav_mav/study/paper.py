@@ -17,6 +17,7 @@ from typing import Any
 from zipfile import BadZipFile
 
 import numpy as np
+from scipy.special import stdtrit
 
 from circumnav_mav.guidance.estimators import ESTIMATORS
 from circumnav_mav.guidance.laws import LAWS
@@ -30,6 +31,11 @@ SWEPT = tuple(name for name, law in LAWS.items() if "kappa" in law.options)
 AIRS = ("calm", "wind")
 FIELDS = ("mse_all", "mse_tail", "rdot2_all", "rdot2_tail", "u2_tail", "bias_tail")
 GAINS = tuple(round(0.1 + 0.15 * n, 2) for n in range(20))
+START_MAX_M = 1e6
+"""A run goes 350 m: it would see nothing of the target from there, and far beyond, squares of metres overflow."""
+GAIN_MAX_RAD_M = 1e6
+"""From k = 2 pi on the vehicle may turn right round within a hold; squares of far larger ones overflow."""
+
 WIND_SHARE, WIND_TOWARDS_RAD = 0.25, math.pi / 4
 
 
@@ -47,10 +53,22 @@ class Options:
     law: str = LAW  # one with a gain kappa
     estimator: str | None = None  # None: the truth, with noise on r_dot
 
+    @property
+    def as_the_paper(self) -> bool:
+        """The paper's law, told what the paper tells it."""
+        return self.law == LAW and self.estimator is None
+
+    def flown(self, law: str | None = None) -> str:
+        """Return in words what flies: a law, these options' own unless named, and what tells it where it is."""
+        told = "the true range and a noisy range rate" if self.estimator is None else f"estimator {self.estimator}"
+        return f"{law or self.law} on {told}"
+
     def plant(self, air: str) -> Plant:
         """Return the paper's plant in calm air or in its wind. Raises ValueError in words for nonsense."""
         if self.runs < 2:
             raise ValueError("a confidence interval needs at least 2 runs")
+        if not math.hypot(*self.start_m) <= START_MAX_M:
+            raise ValueError(f"start within {START_MAX_M:g} m of the target, not at {self.start_m}")
         calm = Plant(x_m=self.start_m[0], y_m=self.start_m[1], heading_rad=self.heading_rad, tail=self.window)
         if air == "calm":
             return calm
@@ -62,6 +80,8 @@ class Options:
         for name, known in ((self.law, SWEPT), (self.estimator, [None, *ESTIMATORS])):
             if name not in known:
                 raise ValueError(f"{name!r} cannot be swept over a gain; there are: {', '.join(filter(None, known))}")
+        if max(self.gains_rad_m) > GAIN_MAX_RAD_M:
+            raise ValueError(f"gains k up to {GAIN_MAX_RAD_M:g} rad/m are flown, not {max(self.gains_rad_m):g}")
         pairs = [(air, k) for air in AIRS for k in self.gains_rad_m]
         return [self.case(self.law, k, self.plant(air), stream) for stream, (air, k) in enumerate(pairs)]
 
@@ -88,9 +108,10 @@ class StudyResult:
         return means
 
     def ci95(self, air: str, field: str) -> np.ndarray[Any, np.dtype[np.float64]]:
-        """Return half the width of the 95 % confidence interval of that mean (normal; runs are independent)."""
+        """Return half the width of the 95 % confidence interval of that mean (Student's t; runs are independent)."""
         values = self.rows[AIRS.index(air)][field]
-        half: np.ndarray[Any, np.dtype[np.float64]] = 1.96 * values.std(axis=1, ddof=1) / math.sqrt(values.shape[1])
+        quantile = float(stdtrit(values.shape[1] - 1, 0.975))
+        half: np.ndarray[Any, np.dtype[np.float64]] = quantile * values.std(axis=1, ddof=1) / math.sqrt(values.shape[1])
         return half
 
     def summary(self) -> dict[str, Any]:
@@ -115,7 +136,7 @@ class StudyResult:
         means, halves = ([f(air, field) for field in fields] for f in (self.mean, self.ci95))
         for n, k in enumerate(self.options.gains_rad_m):
             cells = [f"{mean[n]:.4f} ± {half[n]:.4f}" for mean, half in zip(means, halves, strict=True)]
-            table.append([f"{k:.2f}", *cells])
+            table.append([f"{k:g}", *cells])
         return table
 
 
@@ -142,8 +163,12 @@ def run(options: Options, progress: Progress | None = None, executor: Executor |
 
 
 def write_json(result: StudyResult, file: Path) -> None:
-    """Write the summary."""
-    file.write_text(json.dumps(result.summary(), indent=1) + "\n", encoding="utf-8")
+    """Write the summary. Raises ValueError in words where a figure is no number: JSON knows none such."""
+    try:
+        text = json.dumps(result.summary(), indent=1, allow_nan=False)
+    except ValueError:
+        raise ValueError(f"{file} is not written: some means of these runs are not finite numbers") from None
+    file.write_text(text + "\n", encoding="utf-8")
 
 
 def save(result: StudyResult, file: Path) -> None:

@@ -11,16 +11,19 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import NullLocator
+from matplotlib.ticker import LogLocator, NullLocator, StrMethodFormatter
 
 from circumnav_mav.guidance import feasibility
 from circumnav_mav.guidance.laws.hashemi2013 import inner_radius
 from circumnav_mav.study import paper_run
-from circumnav_mav.study.paper import Options, StudyResult
+from circumnav_mav.study.paper import LAW, Options, StudyResult
 from circumnav_mav.study.paper_run import Plant, Progress
 
 OUTER_ALONE = "hashemi2013_outer"
 """The registered law of eq. (u_o-defn): zero control inside r_s."""
+
+WITH_R_S = (LAW, OUTER_ALONE)
+"""The laws whose radius r_s and whose bound 2 k V are the paper's."""
 
 PATH, ORBIT, TANGENT, TAIL = "tab:blue", "tab:red", "black", "tab:orange"
 
@@ -31,6 +34,8 @@ class Picture:
     stem: str
     title: str
     paint: Callable[[Axes, StudyResult], None]
+    law: str | None = None  # the law it shows whatever was swept
+    title_of_another: str = ""  # where a law is flown for which the title makes no sense
 
 
 def draw(result: StudyResult, folder: Path, progress: Progress | None = None) -> list[Path]:
@@ -38,10 +43,7 @@ def draw(result: StudyResult, folder: Path, progress: Progress | None = None) ->
     folder.mkdir(parents=True, exist_ok=True)
     files = []
     for done, picture in enumerate(PICTURES, start=1):
-        figure = Figure(figsize=(5.0, 4.4))
-        axes = figure.add_axes((0.13, 0.11, 0.84, 0.82))
-        picture.paint(axes, result)
-        axes.set_title(f"Figure {picture.number}: {picture.title}", fontsize=9)
+        figure = painted(picture, result)
         for kind in ("png", "svg"):
             files.append(folder / f"figure_{picture.number:02d}_{picture.stem}.{kind}")
             figure.savefig(files[-1], dpi=110)
@@ -50,13 +52,28 @@ def draw(result: StudyResult, folder: Path, progress: Progress | None = None) ->
     return files
 
 
+def painted(picture: Picture, result: StudyResult) -> Figure:
+    """Return one figure. Its title says so where it shows another law, or another estimator, than the paper's does."""
+    figure, options = Figure(figsize=(5.0, 4.4)), result.options
+    axes = figure.add_axes((0.13, 0.11, 0.84, 0.82))
+    picture.paint(axes, result)
+    if options.as_the_paper or (picture.law is not None and options.estimator is None):
+        title = f"Figure {picture.number}: {picture.title}"
+    else:
+        own = picture.law is not None or options.law == LAW
+        title = f"{picture.title if own else picture.title_of_another or picture.title}\n{options.flown(picture.law)}"
+    axes.set_title(title, fontsize=9)
+    return figure
+
+
 def _path(
     axes: Axes, options: Options, law: str | None, k: float, air: str = "calm", noise_run: int = 0, **change: float
 ) -> None:
     plant = replace(options.plant(air), **change)
-    one = options.case(law or options.law, k, plant)
+    name = law or options.law
+    one = options.case(name, k, plant)
     rows = paper_run.trace(one, options.seed, noise_run)
-    _scene(axes, plant, k)
+    _scene(axes, plant, inner_radius(plant.r_a_m, k * plant.r_a_m) if name in WITH_R_S else 0.0)
     axes.plot(rows["x_m"], rows["y_m"], color=PATH, linewidth=0.8, label="path")
     axes.plot(rows["x_m"][:1], rows["y_m"][:1], "o", color="tab:green", markersize=5, label="start")
     axes.legend(loc="lower left", fontsize=7)
@@ -67,10 +84,8 @@ def _circle(axes: Axes, radius_m: float, label: str, **style: Any) -> None:
     axes.plot(radius_m * np.cos(angle), radius_m * np.sin(angle), label=label, **style)
 
 
-def _scene(axes: Axes, plant: Plant, k: float) -> None:
-    r_a = plant.r_a_m
-    _circle(axes, r_a, "$r_a$", color=ORBIT, linestyle="--", linewidth=1.4)
-    r_s = inner_radius(r_a, k * r_a)
+def _scene(axes: Axes, plant: Plant, r_s: float) -> None:
+    _circle(axes, plant.r_a_m, "$r_a$", color=ORBIT, linestyle="--", linewidth=1.4)
     if r_s > 0.0:
         _circle(axes, r_s, "$r_s$", color=TANGENT, linestyle=":", linewidth=1.0)
     axes.plot([0], [0], "k+", markersize=9, label="target")
@@ -93,7 +108,8 @@ def _from_inside(axes: Axes, result: StudyResult) -> None:
     orbits = feasibility.inner_orbits(r_a, k * r_a)
     assert orbits is not None  # kappa is 10
     _path(axes, result.options, None, k, x_m=-orbits[0], y_m=0.0, heading_rad=1.5 * math.pi)
-    _circle(axes, orbits[0], "$r_{i-}$", color="tab:gray", linewidth=1.0)
+    if result.options.law == LAW:
+        _circle(axes, orbits[0], "$r_{i-}$", color="tab:gray", linewidth=1.0)
     axes.legend(loc="lower left", fontsize=7)
 
 
@@ -111,10 +127,12 @@ def _against_gain(axes: Axes, result: StudyResult, air: str, what: str, label: s
             lw=1,
             label=words,
         )
-    axes.axvline(math.pi / 2, color="gray", linestyle=":", linewidth=1, label="2 k V = π")
+    if result.options.law in WITH_R_S:
+        axes.axvline(math.pi / 2, color="gray", linestyle=":", linewidth=1, label="2 k V = π")
     if what == "mse":
         axes.set_yscale("log")
-        axes.set_yticks([0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0], labels=["0.1", "0.2", "0.5", "1", "2", "5", "10"])
+        axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axes.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
         axes.yaxis.set_minor_locator(NullLocator())
     axes.set_xlabel("gain k [rad/m]")
     axes.set_ylabel(label)
@@ -132,15 +150,22 @@ def _means(air: str, what: str) -> Callable[[Axes, StudyResult], None]:
 
 
 PICTURES = (
-    Picture(1, "outer_law_small_gain", "$u_o$ alone, k = 0.2", _flight(OUTER_ALONE, 0.2)),
+    Picture(1, "outer_law_small_gain", "$u_o$ alone, k = 0.2", _flight(OUTER_ALONE, 0.2), OUTER_ALONE),
     Picture(
         2,
         "outer_law_large_gain",
         "$u_o$ alone, k = 1, cuts across the circle",
         _flight(OUTER_ALONE, 1.0),
+        OUTER_ALONE,
     ),
     Picture(3, "law_from_outside", "u from outside, k = 1", _flight(None, 1.0)),
-    Picture(4, "law_from_inside", r"u from $r_{i-}$, $\theta = 3\pi/2$, k = 1", _from_inside),
+    Picture(
+        4,
+        "law_from_inside",
+        r"u from $r_{i-}$, $\theta = 3\pi/2$, k = 1",
+        _from_inside,
+        title_of_another=r"u from 1.01 m, $\theta = 3\pi/2$, k = 1",
+    ),
     Picture(5, "noisy_small_gain", "measurement error, k = 0.1", _flight(None, 0.1, noise_run=1)),
     Picture(6, "noisy_large_gain", "measurement error, k = 1", _flight(None, 1.0, noise_run=1)),
     Picture(7, "error_against_gain", "radial error, no wind", _means("calm", "mse")),

@@ -200,8 +200,13 @@ def sweep(
 
 
 def trace(one: Case, seed: int, run: int = 0) -> Table:
-    """Return SAMPLE rows of one run in the noise of `fly`; without an estimator by the plain core, without a delay."""
+    """Return SAMPLE rows of one run in the noise of `fly`; without an estimator by the plain core.
+
+    Raises ValueError for a delay without an estimator: the plain core flies none.
+    """
     plant = one.plant
+    if one.estimator is None and round(plant.delay_s / plant.hold_s) > 0:
+        raise ValueError(f"a trace without an estimator has no delay, and {plant.delay_s:g} s was asked for; use fly")
     noise = plant.sigma_m_s * normals(seed, one.stream, run, 1, plant.steps)[0]
     if one.estimator is not None:
         return _estimated_trace(one, seed, run, noise)

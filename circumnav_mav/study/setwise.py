@@ -29,9 +29,10 @@ VISITS = np.dtype(
     [
         ("hit_s", np.float64),  # first time in U; infinite if never
         ("inside", np.float64),  # share of the second half of the run spent in U
-        ("exits", np.int64),  # completed stays in U, first to last
-        ("stay_s", np.float64),  # mean length of a completed stay
-        ("away_s", np.float64),  # mean length of a completed excursion
+        ("in_s", np.float64),  # time in U since it was first reached, also of a stay that the end of the run cut off
+        ("exits", np.int64),  # stays in U that ended
+        ("out_s", np.float64),  # time out of U since it was first reached, also of an excursion that was cut off
+        ("returns", np.int64),  # excursions that ended
         ("longest_s", np.float64),  # longest excursion, also one that had not ended
         ("d2", np.float64),  # mean squared distance to U's annulus over the second half, m^2
         ("furthest_m", np.float64),  # greatest distance to the annulus once it had been reached
@@ -40,6 +41,9 @@ VISITS = np.dtype(
 
 BIN_S, BINS = 0.25, 1200
 """How lengths of excursions are counted; the last bin holds all longer ones."""
+
+FEW = 10
+"""Fewer ends of stays than this tell no mean length."""
 
 
 def visit(
@@ -50,13 +54,13 @@ def visit(
     edges: tuple[float, float, float],  # r_i-,eps, r_i+,eps, r_a,eps
     distances2: core.Floats,  # (steps,) in and out: d^2 is added
     lengths: core.Floats,  # in and out: completed excursions are counted, in bins of BIN_S
-) -> tuple[float, float, int, float, float, float, float, float]:
+) -> tuple[float, float, float, int, float, int, float, float, float]:
     """Fly one run and return its VISITS row."""
     V, hold_s, wx, wy, _ = plant
     x, y, c, s = start[0], start[1], start[2], start[3]
     u, since, inside, caught = 0.0, 0, False, False
-    hit, exits, returns, steps, half = -1, 0, 0, len(noise), len(noise) // 2
-    stay = away = longest = late_in = late_d2 = furthest = 0.0
+    hit, held, exits, returns, steps, half = -1, 0, 0, 0, len(noise), len(noise) // 2
+    longest = late_in = late_d2 = furthest = 0.0
     for n in range(steps):
         r = math.sqrt(x * x + y * y)
         r_dot = (x * (V * c + wx) + y * (V * s + wy)) / r
@@ -67,13 +71,14 @@ def visit(
             hit, since = n, n
         elif hit >= 0 and now != inside:
             if now:
-                away, returns = away + (n - since), returns + 1
+                returns += 1
                 lengths[min(int((n - since) * hold_s / BIN_S), len(lengths) - 1)] += 1.0
                 longest = max(longest, float(n - since))
             else:
-                stay, exits = stay + (n - since), exits + 1
+                exits += 1
             since = n
         inside = now
+        held += 1 if now else 0
         caught = caught or d == 0.0
         if caught:
             furthest = max(furthest, d)
@@ -89,9 +94,10 @@ def visit(
     return (
         hit * hold_s if hit >= 0 else math.inf,
         late_in / late,
+        held * hold_s,
         exits,
-        stay * hold_s / exits if exits > 0 else math.nan,
-        away * hold_s / returns if returns > 0 else math.nan,
+        (steps - hit - held) * hold_s if hit >= 0 else 0.0,
+        returns,
         longest * hold_s,
         late_d2 / late,
         furthest,
@@ -127,6 +133,17 @@ class Outcome:
     visits: Table  # VISITS rows, one a run
     d2: core.Floats  # mean over the runs of the squared distance to the annulus, m^2, against time
     lengths: core.Floats  # completed excursions of all runs, counted in bins of BIN_S
+
+
+def mean_length(outcome: Outcome, time: str, ends: str) -> tuple[float, bool]:
+    """Return the mean length [s] of a stay ("in_s", "exits") or excursion ("out_s", "returns"), and if it is a bound.
+
+    It is the time of all runs divided by the ends seen in them, so that stays which the end of a run cut off count
+    too: the mean of completed ones would be short, and never longer than a run. Fewer than FEW ends tell no mean; then
+    it is what the true one is likely above, namely the time divided by FEW (as if so many had been seen).
+    """
+    total_s, seen = float(outcome.visits[time].sum()), int(outcome.visits[ends].sum())
+    return total_s / max(seen, FEW), seen < FEW
 
 
 def start_at(r: float, theta: float) -> tuple[float, float, float, float]:

@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullLocator
 
-from circumnav_mav.study.setwise import BIN_S, Outcome, Trial, recurrence_ratio, spread_starts, study
+from circumnav_mav.study.setwise import BIN_S, Outcome, Trial, mean_length, recurrence_ratio, spread_starts, study
 
 KAPPAS = (2.5, 3.0, 5.0, 10.0, 20.0)
 SIGMAS = (0.1, 0.2, 0.35, 0.5, 1.0)
@@ -38,14 +38,20 @@ def table(outcomes: Sequence[Outcome], runs: int, seed: int) -> list[list[str]]:
                 f"{visits['hit_s'].max():.0f}",
                 f"{recurrence_ratio(outcome, starts):.3f}",
                 f"{visits['inside'].mean():.3f}",
-                f"{np.nanmean(visits['stay_s']):.1f}",
-                f"{np.nanmean(visits['away_s']):.1f}",
+                _length(outcome, "in_s", "exits"),
+                _length(outcome, "out_s", "returns"),
                 f"{visits['longest_s'].max():.0f}",
                 f"{visits['d2'].mean():.2g}",
                 f"{visits['furthest_m'].max():.2f}",
             ]
         )
     return rows
+
+
+def _length(outcome: Outcome, time: str, ends: str) -> str:
+    """Return a mean length [s] in words, "> x" where too few stays or excursions ended to tell it."""
+    length_s, bound = mean_length(outcome, time, ends)
+    return ("> " if bound else "") + (f"{length_s:.1f}" if length_s < 99.95 else f"{length_s:.0f}")
 
 
 def draw(outcomes: Sequence[Outcome], folder: Path) -> list[Path]:
@@ -60,10 +66,14 @@ def draw(outcomes: Sequence[Outcome], folder: Path) -> list[Path]:
         shown = next(outcome for outcome in row if outcome.trial.sigma == SHOWN_SIGMA)
         left = shown.lengths.sum() - np.cumsum(shown.lengths)
         survival.plot(BIN_S * np.arange(1, len(left) + 1), left / shown.lengths.sum(), lw=1, label=label)
-    for field, label in (("stay_s", "a stay in U"), ("away_s", "an excursion")):
+    for time, ends, label in (("in_s", "exits", "a stay in U"), ("out_s", "returns", "an excursion")):
         row = [outcome for outcome in outcomes if outcome.trial.sigma == SHOWN_SIGMA]
-        means = [np.nanmean(outcome.visits[field]) for outcome in row]
-        times.plot([outcome.trial.kappa for outcome in row], means, "o-", ms=3, lw=1, label=label)
+        means = [mean_length(outcome, time, ends) for outcome in row]
+        kappas = [outcome.trial.kappa for outcome in row]
+        [line] = times.plot(kappas, [length_s for length_s, _ in means], "o-", ms=3, lw=1, label=label)
+        for kappa, (length_s, bound) in zip(kappas, means, strict=True):
+            if bound:  # an arrow: the true one lies above
+                times.plot([kappa], [length_s], "^", ms=8, color=line.get_color())
     for outcome in outcomes:
         if outcome.trial.kappa == SHOWN_KAPPA:
             t = outcome.trial.hold_s * np.arange(len(outcome.d2))

@@ -73,6 +73,27 @@ def test_what_is_no_kept_study_is_refused_in_words(tmp_path, content):
     assert run("study", "--load", tmp_path / "none").exit_code == 2
 
 
+@pytest.mark.parametrize(
+    "option",
+    [
+        ("--gains", "1"),
+        ("--window", "0.5"),
+        ("--runs", "2"),
+        ("--law", "pd_bias"),
+        ("--estimator", "raw"),
+        ("--seed", "1"),
+        ("--start", "1,1"),
+        ("--workers", "1"),
+        ("--scheduler", "tcp://127.0.0.1:9"),
+    ],
+)
+def test_options_of_a_flight_are_refused_beside_kept_runs(tmp_path, option):
+    """Also where the value is the default's: what was kept may have another."""
+    done = run("study", "--load", tmp_path / "runs.npz", *option, "--json", tmp_path / "a.json")
+    assert done.exit_code == 2
+    assert f"leave out {option[0]}, or leave out --load" in done.stderr and len(done.stderr.splitlines()) == 1
+
+
 @pytest.mark.parametrize(("law", "estimator"), [("pd_bias", None), ("hashemi2013", "direct")])
 def test_another_law_and_an_estimator_are_swept_alike(tmp_path, law, estimator):
     on = ("--estimator", estimator) if estimator else ()
@@ -91,8 +112,10 @@ def test_another_law_and_an_estimator_are_swept_alike(tmp_path, law, estimator):
         (["--estimator", "q"], "there are: raw"),
         (["--gains", "1,x"], "--gains wants numbers"),
         (["--gains", "0.05"], "kappa"),
+        (["--gains", "1,1e300"], "gains k up to 1e+06 rad/m are flown, not 1e+300"),
         (["--start", "1"], "--start wants two numbers"),
         (["--start", "0,0"], "start somewhere else"),
+        (["--start", "1e200,0"], "start within 1e+06 m of the target"),
         (["--law", "pd_bias"], "kappa must be above 1"),
     ],
 )

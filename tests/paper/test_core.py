@@ -220,3 +220,9 @@ def test_a_law_that_an_estimator_does_not_serve_is_refused_in_words():
         run.case("tangent", {}, run.Plant(), estimator="polar")
     with pytest.raises(ValueError, match="which the paper's plant does not tell"):
         run.case("tangent", {}, run.Plant())
+
+
+def test_a_trace_with_a_delay_and_no_estimator_is_refused():
+    one = run.case("hashemi2013", {"k": 1.0}, run.Plant(delay_s=0.5))
+    with pytest.raises(ValueError, match=r"no delay, and 0\.5 s"):
+        run.trace(one, 1)

@@ -17,6 +17,23 @@ def test_without_an_address_nothing_is_connected_to():
         assert own is None
 
 
+@pytest.mark.parametrize(
+    "address", ["garbage", "", "tcp://", "tcp://host", "host:8786", "tcp://host:0", "tcp://host:65536", "tcp://a b:1"]
+)
+def test_what_is_no_address_is_refused_before_a_client_is_made(address, monkeypatch):
+    distributed = pytest.importorskip("distributed", reason="needs the extra circumnav-mav[cluster]")
+    monkeypatch.setattr(distributed, "Client", None)
+    done = CliRunner().invoke(app, ["study", "--runs", "2", "--scheduler", address])
+    assert done.exit_code == 2
+    assert f"--scheduler wants an address such as tcp://10.0.0.1:8786, not '{address}'" in done.stderr
+    assert len(done.stderr.splitlines()) == 1
+
+
+@pytest.mark.parametrize("address", ["tcp://127.0.0.1:8786", "tcp://[::1]:8786", "tcp://node-3.example:65535"])
+def test_addresses_of_both_kinds_are_taken(address):
+    assert scheduler.ADDRESS.fullmatch(address)
+
+
 @pytest.fixture(scope="module")
 def address():
     distributed = pytest.importorskip("distributed", reason="needs the extra circumnav-mav[cluster]")

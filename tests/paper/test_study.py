@@ -47,7 +47,10 @@ def test_means_and_intervals_are_those_of_single_runs_flown_by_the_plain_core(re
         r = paper_run.trace(one, SMALL.seed, run)["r_m"][350:]
         tails.append(np.mean((r - 10.0) ** 2))
     assert result.mean("wind", "mse_tail")[1] == pytest.approx(np.mean(tails), rel=1e-6)
-    assert result.ci95("wind", "mse_tail")[1] == pytest.approx(1.96 * np.std(tails, ddof=1) / math.sqrt(24), rel=1e-6)
+    assert result.ci95("wind", "mse_tail")[1] == pytest.approx(
+        2.06866 * np.std(tails, ddof=1) / math.sqrt(24),
+        rel=1e-5,  # Student's t, 23 degrees of freedom
+    )
 
 
 def test_intervals_hold_the_mean_of_many_other_runs(result):
@@ -59,6 +62,13 @@ def test_intervals_hold_the_mean_of_many_other_runs(result):
             assert np.all(np.abs(result.mean(air, field) - other.mean(air, field)) < 4.5 * error), (air, field)
 
 
+def test_intervals_of_two_runs_are_as_wide_as_two_runs_leave_them(result):
+    """Student's t with one degree of freedom is 12.7062, where the normal law has 1.96."""
+    two = replace(result, rows=result.rows[:, :, :2])
+    first, second = two.rows["mse_tail"][0, 0]
+    assert two.ci95("calm", "mse_tail")[0] == pytest.approx(12.7062 * abs(first - second) / 2.0, rel=1e-5)
+
+
 def test_results_save_and_load(result, tmp_path):
     paper.save(result, tmp_path / "study.npz")
     back = paper.load(tmp_path / "study.npz")
@@ -66,6 +76,19 @@ def test_results_save_and_load(result, tmp_path):
     assert np.array_equal(back.rows, result.rows)
     assert back.table("wind") == result.table("wind")
     assert len(back.table("calm")) == 4
+
+
+def test_gains_that_differ_are_told_apart(result):
+    close = replace(result, options=replace(SMALL, gains_rad_m=(0.171, 0.175, 1.0)))
+    assert [row[0] for row in close.table("calm")[1:]] == ["0.171", "0.175", "1"]
+
+
+def test_no_json_is_written_of_what_is_no_number(result, tmp_path):
+    rows = result.rows.copy()
+    rows["mse_all"][0, 0, 0] = math.nan
+    with pytest.raises(ValueError, match="not finite"):
+        paper.write_json(replace(result, rows=rows), tmp_path / "a.json")
+    assert not (tmp_path / "a.json").exists()
 
 
 def test_every_figure_is_drawn_twice_and_reads_as_a_picture(result, tmp_path):
@@ -77,6 +100,41 @@ def test_every_figure_is_drawn_twice_and_reads_as_a_picture(result, tmp_path):
         else:
             assert file.read_bytes().startswith(b"\x89PNG")
             assert file.stat().st_size > 8000
+
+
+def words_of(figure):
+    [axes] = figure.axes
+    return axes.get_title(), {text.get_text() for text in axes.get_legend().get_texts()}
+
+
+def test_figures_of_the_papers_law_are_named_as_its_own(result):
+    for picture in PICTURES:
+        assert words_of(paper_figures.painted(picture, result))[0].startswith(f"Figure {picture.number}: ")
+    assert words_of(paper_figures.painted(PICTURES[3], result))[1] >= {"$r_s$", "$r_{i-}$"}
+    assert "2 k V = π" in words_of(paper_figures.painted(PICTURES[6], result))[1]
+
+
+@pytest.mark.parametrize(("law", "estimator"), [("cao2013_smooth", None), ("hashemi2013", "direct")])
+def test_figures_of_another_law_or_estimator_say_so(law, estimator):
+    other = paper.run(replace(SMALL, runs=2, law=law, estimator=estimator, gains_rad_m=(0.4, 1.0)))
+    told = f"estimator {estimator}" if estimator else "the true range and a noisy range rate"
+    of_the_paper = law == "hashemi2013"
+    for picture in PICTURES[2:]:
+        title, labels = words_of(paper_figures.painted(picture, other))
+        assert "Figure" not in title and f"{law} on {told}" in title
+        assert of_the_paper or not labels & {"$r_s$", "$r_{i-}$", "2 k V = π"}
+        assert of_the_paper or "r_{i-}" not in title
+    outer = words_of(paper_figures.painted(PICTURES[0], other))[0]
+    assert ("hashemi2013_outer on estimator direct" in outer) if estimator else outer.startswith("Figure 1: ")
+
+
+def test_ticks_follow_figures_far_below_the_papers(result):
+    low = result.rows.copy()
+    for name in ("mse_all", "mse_tail"):
+        low[name] *= 1e-3
+    [axes] = paper_figures.painted(PICTURES[6], replace(result, rows=low)).axes
+    bottom, top = axes.get_ylim()
+    assert sum(bottom <= tick <= top for tick in axes.get_yticks()) >= 3
 
 
 def test_figures_are_numbered_as_in_the_paper():

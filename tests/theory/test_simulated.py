@@ -8,7 +8,7 @@ import pytest
 
 from circumnav_mav.guidance import feasibility as theory
 from circumnav_mav.guidance.laws import LAWS
-from circumnav_mav.study import paper_core, paper_run, setwise
+from circumnav_mav.study import paper_core, paper_run, setwise, setwise_figure
 from circumnav_mav.study.noise import normals
 
 LAW = LAWS["hashemi2013"].turn_rate
@@ -107,17 +107,42 @@ def test_visits_are_counted_as_a_plain_count_does():
         lengths = np.diff(np.flatnonzero(np.diff(inside[hit:].astype(int), prepend=-1, append=-1)))
         stays, away = lengths[0::2], lengths[1::2]
         kept = stays[:-1] if inside[-1] else stays
+        total_in, total_out = stays.sum(), away.sum()
         gone = away if inside[-1] else away[:-1]
         returns += len(gone)
         row = outcome.visits[run]
         assert row["hit_s"] == pytest.approx(hit * 0.05)
         assert row["inside"] == pytest.approx(inside[1200:].mean())
         assert row["exits"] == len(kept)
-        assert row["stay_s"] == pytest.approx(0.05 * kept.mean())
-        assert row["away_s"] == pytest.approx(0.05 * gone.mean())
+        assert row["returns"] == len(gone)
+        assert row["in_s"] == pytest.approx(0.05 * total_in)
+        assert row["out_s"] == pytest.approx(0.05 * total_out)
         assert row["longest_s"] == pytest.approx(0.05 * away.max())
         assert row["d2"] == pytest.approx((gap[1200:] ** 2).mean(), rel=1e-6)
         first = int(np.argmax(gap == 0.0))
         assert row["furthest_m"] == pytest.approx(gap[first:].max(), rel=1e-6)
     assert outcome.d2 == pytest.approx(squares / 3, rel=1e-6, abs=1e-9)
     assert outcome.lengths.sum() == returns
+
+
+@pytest.mark.parametrize(("true_s", "runs"), [(20.0, 200), (900.0, 200)])
+def test_mean_lengths_are_not_cut_short_by_the_end_of_the_run(true_s, runs):
+    """Stays drawn from an exponential law whose mean is known, longer than the runs too."""
+    rng, rows = np.random.default_rng(7), np.zeros(runs, setwise.VISITS)
+    for row in rows:
+        left = 350.0
+        while (stay := rng.exponential(true_s)) < left:
+            row["in_s"], row["exits"], left = row["in_s"] + stay, row["exits"] + 1, left - stay
+        row["in_s"] += left
+    outcome = setwise.Outcome(setwise.Trial(5.0, 0.5), rows, np.zeros(1), np.zeros(1))
+    length_s, bound = setwise.mean_length(outcome, "in_s", "exits")
+    assert not bound
+    assert length_s == pytest.approx(true_s, rel=4.0 / math.sqrt(rows["exits"].sum()))
+
+
+def test_a_mean_length_of_few_ends_is_told_as_a_bound():
+    rows = np.zeros(2, setwise.VISITS)
+    rows["in_s"], rows["exits"] = 300.0, (2, 1)
+    outcome = setwise.Outcome(setwise.Trial(5.0, 0.5), rows, np.zeros(1), np.zeros(1))
+    assert setwise.mean_length(outcome, "in_s", "exits") == (60.0, True)
+    assert "> 60.0" in setwise_figure.table([outcome], 2, 1)[1]
