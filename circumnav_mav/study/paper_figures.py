@@ -71,7 +71,11 @@ def _path(
 ) -> None:
     plant = replace(options.plant(air), **change)
     name = law or options.law
-    one = options.case(name, k, plant)
+    try:
+        one = options.case(name, k, plant)
+    except ValueError as error:  # a law that takes no gain as small as this picture's: the picture says so
+        axes.text(0.5, 0.5, str(error), ha="center", va="center", fontsize=8, wrap=True, transform=axes.transAxes)
+        return
     rows = paper_run.trace(one, options.seed, noise_run)
     _scene(axes, plant, inner_radius(plant.r_a_m, k * plant.r_a_m) if name in WITH_R_S else 0.0)
     axes.plot(rows["x_m"], rows["y_m"], color=PATH, linewidth=0.8, label="path")

@@ -128,6 +128,12 @@ def test_figures_of_another_law_or_estimator_say_so(law, estimator):
     assert ("hashemi2013_outer on estimator direct" in outer) if estimator else outer.startswith("Figure 1: ")
 
 
+def test_a_picture_of_a_gain_that_the_law_does_not_take_says_so():
+    other = paper.run(replace(SMALL, runs=2, law="pd_bias", gains_rad_m=(0.4, 1.0)))
+    [axes] = paper_figures.painted(PICTURES[4], other).axes
+    assert "kappa must be above 1" in axes.texts[0].get_text()
+
+
 def test_ticks_follow_figures_far_below_the_papers(result):
     low = result.rows.copy()
     for name in ("mse_all", "mse_tail"):
