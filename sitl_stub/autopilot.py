@@ -59,6 +59,7 @@ class Autopilot:
             speed = config.start_speed_m_s or (START_AIRSPEED_M_S if self.fixed_wing else 0.0)
             self.vehicle.set_moving(speed, config.wind_north_m_s, config.wind_east_m_s)
             self.pilot.begin_in_hold()
+        self._was_armed = self.commander.armed
         self.wind_n, self.wind_e = config.wind_north_m_s, config.wind_east_m_s
 
     def step(self, now_s: float, wind_n: float, wind_e: float) -> None:
@@ -67,19 +68,28 @@ class Autopilot:
         self.boot_us = max(0, round((now_s - self._boot_s + self._clock_s) * 1e6))
         self.boot_ms = self.boot_us // 1000 & 0xFFFFFFFF  # 32 bits on the wire: it wraps after 49.7 days
         self.wind_n, self.wind_e = wind_n, wind_e
+        if self.commander.armed is not self._was_armed:
+            self._was_armed = self.commander.armed
+            if self._was_armed and self.commander.position_ok:
+                self._set_home()
         self.commander.update(now_s, self.vehicle.h <= 0.0 and not self.pilot.pushing)
         if self._compass_errs and isinstance(self.pilot, MultirotorPilot):
             self.pilot.yaw_error_rad = self.yaw_estimate() - self.vehicle.yaw
         self.pilot.step(now_s, wind_n, wind_e)
 
     def boot(self, now_s: float) -> None:
-        """Begin again where it is: time from zero, disarmed in Hold, parameters as configured."""
+        """Begin again where it is: time from zero, disarmed in Hold, a new local frame. Parameters stay as they are."""
         self._boot_s = now_s
         self._unix_boot_us = self._unix_start_us + round(now_s * 1e6)  # the time of day goes on
         self._clock_s = 0.0
         self.commander.boot(now_s + self.config.ready_after_s)
-        for name, value in self.config.params.items():
-            self.params.set(name, value)
+        self.origin_n, self.origin_e = self.pilot.local_n, self.pilot.local_e = self.vehicle.n, self.vehicle.e
+        self._set_home()
+
+    def _set_home(self) -> None:
+        """Return to here from now on, as PX4 does when it boots and whenever it arms."""
+        self.home_n, self.home_e = self.vehicle.n, self.vehicle.e
+        self.pilot.set_home(self.home_n, self.home_e)
 
     def jump_clock(self, seconds: float) -> None:
         """Let the autopilot's time jump; it never goes below zero."""

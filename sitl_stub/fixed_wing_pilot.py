@@ -84,6 +84,10 @@ class FixedWingPilot:
         """Take off to this height when the mode is Takeoff next; NaN: MIS_TAKEOFF_ALT above here."""
         self._takeoff_height_m = height_m
 
+    def set_home(self, north_m: float, east_m: float) -> None:
+        """Let Return lead here."""
+        self.home_n, self.home_e = north_m, east_m
+
     def take_setpoint(self, setpoint: Setpoint) -> None:
         """Fly this whenever the mode is OFFBOARD."""
         self.setpoint = setpoint

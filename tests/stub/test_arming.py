@@ -335,3 +335,34 @@ def test_the_system_id_is_a_parameter_too() -> None:
     for wrong in ({"params": {"MAV_SYS_ID": 5}}, {"faults": ("5 param MAV_SYS_ID=5",)}):
         with pytest.raises(ValueError, match=r"MAV_SYS_ID .* system_id"):
             StubConfig(**wrong)
+
+
+def test_home_is_where_it_arms_and_a_reboot_begins_a_frame_and_keeps_parameters() -> None:
+    rig = flying(height_m=5.0, params={"COM_OBL_RC_ACT": 5}, streams=(32,))
+    rig.run(2.0)
+    assert rig.all("HOME_POSITION")[-1].x == pytest.approx(0.0, abs=0.01)
+    rig.enter_offboard(lambda _: rig.local(velocity=(5.0, 2.0, 0.0)))
+    rig.run(6.0)
+    rig.streaming = None
+    rig.command(21)
+    rig.run(15.0)
+    there = rig.stub.truth()
+    assert not there.armed
+    assert there.north_m > 20.0
+    assert rig.command(400, 1) == [0]
+    rig.run(2.1)
+    home = rig.all("HOME_POSITION")[-1]
+    assert (home.x, home.y) == pytest.approx((there.north_m, there.east_m), abs=0.01)
+    rig.command(22, 0, 0, 0, HERE, HERE, HERE, AMSL_M + 5.0)
+    rig.run(12.0)
+    rig.command(20)
+    rig.run(80.0)
+    assert not rig.stub.truth().armed
+    back = rig.stub.truth()
+    assert math.hypot(back.north_m - there.north_m, back.east_m - there.east_m) < 1.0
+    rig.send(mavlink.MAVLink_param_set_message(1, 1, b"COM_OBL_RC_ACT", as_float(4), INT32))
+    assert rig.command(246, 1) == []
+    rig.run(5.0)
+    place, home = rig.all("LOCAL_POSITION_NED")[-1], rig.all("HOME_POSITION")[-1]
+    assert (place.x, place.y, home.x, home.y) == pytest.approx((0.0,) * 4, abs=0.01)
+    assert rig.stub.autopilot.params["COM_OBL_RC_ACT"] == 4
