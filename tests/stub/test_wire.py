@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+import ast
 import math
 import os
 import random
+import re
+import sys
+import tomllib
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -127,3 +132,19 @@ def test_rubbish_never_stops_the_vehicle(airframe: str, seed: int) -> None:
 def test_a_lot_of_rubbish_never_stops_the_vehicle(airframe: str) -> None:
     for round_ in range(max(1, round(50 * SHARE))):
         bombard(airframe, 100_000 * SEED + round_, 5000)
+
+
+def test_what_the_stub_imports_is_declared() -> None:
+    root = Path(__file__).parents[2]
+    project = tomllib.loads((root / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    declared = {re.split("[^a-z0-9_-]", line.lower())[0] for line in project["dependencies"]}
+    imported: set[str] = set()
+    for path in (root / "sitl_stub").glob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Import):
+                imported |= {alias.name.split(".")[0] for alias in node.names}
+            elif isinstance(node, ast.ImportFrom) and node.module:
+                imported.add(node.module.split(".")[0])
+    foreign = imported - sys.stdlib_module_names - {"sitl_stub", "pytest"}  # sitl_stub.pytest is for those who have it
+    assert foreign == {"pymavlink", "fastcrc"}
+    assert foreign <= declared
