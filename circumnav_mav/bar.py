@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 
 import typer
 from rich.console import Console
@@ -36,5 +36,9 @@ class Bar:
 def shown(title: str) -> Iterator[Bar]:
     """Show a progress bar as long as this lasts."""
     bar = Bar(title)
-    with bar.progress:
+    bar.progress.start()
+    try:
         yield bar
+    finally:
+        with suppress(IndexError):  # rich, where Ctrl-C came while it was about to show itself again
+            bar.progress.stop()

@@ -92,7 +92,7 @@ def test_a_busy_port_is_one_clear_line() -> None:
         (["--fault", "40 range-stop"], "needs FROM-TO"),
         (["--beacon", "1,x"], "numbers"),
         (["--speed", "0"], "positive"),
-        (["--sign", ""], "passphrase is empty"),
+        (["--sign", ""], "--sign needs a passphrase that is not empty"),
         (["--sign", "secret", "--mavlink", "1"], "only MAVLink 2 can be signed"),
         (["--truth", "/no/such/place/truth.csv"], "/no/such/place/truth.csv"),
         (["--faults", "/no/such/file"], "/no/such/file"),
