@@ -285,4 +285,17 @@ def sys_status(a: FakeArduPilot) -> Any:
     return mavlink.MAVLink_sys_status_message(0, 0, 0, 0, 12000, 0, 90, 0, 0, 0, 0, 0, 0)
 
 
-STREAMS = {30: attitude, 32: local_position, 33: global_position, 74: vfr_hud, 193: ekf, 245: sys_state, 1: sys_status}
+def battery(a: FakeArduPilot) -> Any:
+    return mavlink.MAVLink_battery_status_message(0, 0, 0, 32767, [12000] + [65535] * 9, 0, 0, 0, 90, 0, 1)
+
+
+STREAMS = {
+    1: sys_status,
+    30: attitude,
+    32: local_position,
+    33: global_position,
+    74: vfr_hud,
+    147: battery,
+    193: ekf,
+    245: sys_state,
+}
