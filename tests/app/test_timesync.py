@@ -222,17 +222,27 @@ def late_flight(stamped_by: str, seed: int) -> tuple[float, float]:
     return log.rms_m(42.0), math.sqrt(sum(squares) / len(squares))
 
 
-SEEDS = [
-    pytest.param(3),
-    *(pytest.param(SEED + 10 + n, marks=pytest.mark.soak) for n in range(max(1, round(3 * SHARE)))),
-]
+SEEDS = [pytest.param(SEED + 10 + n, marks=pytest.mark.soak) for n in range(max(1, round(3 * SHARE)))]
+
+
+def test_the_orbit_and_the_place_of_the_target_gain_by_timesync_where_the_radio_is_late():
+    by_line, by_timesync = late_flight("sender", 3), late_flight("autopilot", 3)
+    assert by_timesync[0] < by_line[0]
+    assert by_timesync[1] < 0.5 * by_line[1]
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_the_orbit_and_the_place_of_the_target_gain_by_timesync_where_the_radio_is_late(seed):
+def test_timesync_is_better_with_any_seed(seed):
+    """By how much depends on the draw (0.67 of the line's error with seed 11): half is that of the mean, below."""
     by_line, by_timesync = late_flight("sender", seed), late_flight("autopilot", seed)
     assert by_timesync[0] < by_line[0]
     assert by_timesync[1] < by_line[1]
+
+
+@pytest.mark.soak
+def test_over_six_flights_timesync_halves_the_error_of_the_place():
+    by_line, by_timesync = ([late_flight(how, n)[1] for n in range(1, 7)] for how in ("sender", "autopilot"))
+    assert sum(by_timesync) < 0.5 * sum(by_line)
 
 
 if __name__ == "__main__":  # prints what docs/ranging.md says
