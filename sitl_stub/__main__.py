@@ -14,6 +14,7 @@ from sitl_stub import __version__
 from sitl_stub.combinations import given, idle
 from sitl_stub.config import StubConfig
 from sitl_stub.options import parser
+from sitl_stub.pace import Pace
 from sitl_stub.server import Endpoint, Pty, Server, TruthLog
 from sitl_stub.signing import key_of
 from sitl_stub.stub import Stub
@@ -28,13 +29,14 @@ def main(argv: list[str] | None = None) -> int:
     try:
         config = _config(arguments)
         stub = Stub(config)
+        pace = _pace(arguments.pace)
     except ValueError as error:
         print(f"sitl_stub: {error}", file=sys.stderr)
         return 2
     try:
         truth = TruthLog(Path(arguments.truth)) if arguments.truth else None
         pty = Pty() if arguments.device and not arguments.device_port else None
-        server = Server(stub, _endpoints(arguments), arguments.speed, truth, pty)
+        server = Server(stub, _endpoints(arguments), arguments.speed, truth, pty, pace)
     except OSError as error:
         return _say(error)
     stopped = _stop_on_signals()
@@ -50,6 +52,13 @@ def main(argv: list[str] | None = None) -> int:
     except OSError as error:
         return _say(error)
     return 0
+
+
+def _pace(name: str | None) -> Pace | None:
+    try:
+        return Pace(Path(name)) if name else None
+    except OSError as error:
+        raise ValueError(f"cannot use --pace {name}: {error.strerror}") from error
 
 
 def _say(error: OSError) -> int:

@@ -73,6 +73,7 @@ Add = Callable[..., argparse.Action]
 
 def _add_running(add: Add) -> None:
     add("--speed", type=_positive, default=1.0, metavar="N", help="flight seconds per wall second (1)")
+    add("--pace", metavar="FILE", help="keep one clock with a companion through this file (see docs/stub.md)")
     add("--seed", type=int, default=1, metavar="N", help="of every random draw (1)")
     add("--duration", type=_positive, metavar="S", help="stop after so many flight seconds")
     add("--truth", metavar="FILE", help="write the ground truth as CSV")

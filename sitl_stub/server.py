@@ -20,6 +20,7 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TextIO
 
+from sitl_stub.pace import Pace
 from sitl_stub.stub import Stub
 from sitl_stub.truth import Truth
 
@@ -76,10 +77,11 @@ class Server:
         speed: float = 1.0,
         truth: TruthLog | None = None,
         pty: Pty | None = None,
+        pace: Pace | None = None,
     ) -> None:
         """`endpoints`: UDP ports by link; `pty`: where the bytes of the link "device" go if it has no UDP port."""
         self.stub, self.speed, self._pty = stub, speed, pty
-        self._truth = truth
+        self._truth, self._pace = truth, pace
         self.lock = threading.Lock()  # held while the stub changes; for truth() from another thread
         self._selector = selectors.SelectSelector()  # epoll would wake up to a millisecond late
         self._sockets: dict[str, socket.socket] = {}
@@ -107,6 +109,8 @@ class Server:
             owed_s += (wall_s - last_wall_s) * self.speed
             pace_s = min(owed_s, CATCH_UP * self.speed * min(wall_s - last_wall_s, SLICE_S))
             last_wall_s, aim_s, owed_s = wall_s, aim_s + pace_s, owed_s - pace_s
+            if self._pace is not None and aim_s > (limit_s := self._pace.limit_s(stub.now_s, wall_s)):
+                aim_s, owed_s = max(aim_s - pace_s, limit_s), 0.0  # what was waited for is not made up for
             while stub.now_s + step_s <= aim_s and stub.now_s < end_s:
                 with self.lock:
                     stub.advance(stub.now_s + step_s)

@@ -17,6 +17,7 @@ class Clock:
 
     def __init__(self, speed: float = 1.0) -> None:
         self.speed = speed
+        self.held_s = 0.0  # wall time that did not count as flight
         self._start_s = time.monotonic()
 
     def now(self) -> float:

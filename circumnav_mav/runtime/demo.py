@@ -14,7 +14,7 @@ from pathlib import Path
 from circumnav_mav.config import Config, ConfigError, Fault, Ranging
 from circumnav_mav.mavlink.px4_modes import WORDS as PX4
 from circumnav_mav.runtime.app import Options
-from circumnav_mav.runtime.clock import Clock
+from circumnav_mav.runtime.pace import PacedClock
 from circumnav_mav.runtime.session import Outcome, fly
 from circumnav_mav.runtime.transport import LinkError
 from circumnav_mav.runtime.view import open_view
@@ -84,8 +84,8 @@ class _Stub:
     """The vehicle stub as a process; its truth file and its complaints lie in `directory`."""
 
     def __init__(self, arguments: list[str], directory: Path) -> None:
-        self.truth = directory / "truth.csv"
-        self._arguments = [f"--truth={self.truth}", *arguments]
+        self.truth, self.pace = directory / "truth.csv", directory / "pace"
+        self._arguments = [f"--truth={self.truth}", f"--pace={self.pace}", *arguments]
         self._complaints = directory / "complaints.txt"
         self._child: subprocess.Popen[bytes] | None = None
 
@@ -160,7 +160,7 @@ def _fly(config: Config, stub: _Stub, speed: float, seed: int, duration_s: float
 
     outcome = fly(
         config,
-        Clock(speed),
+        PacedClock(speed, stub.pace),
         open_view(f"circumnav demo  {orbit.radius_m:g} m at {orbit.speed_m_s:g} m/s, {speed:g} x real time"),
         options,
         title=f"circumnav demo: {orbit.radius_m:g} m {orbit.direction} at {orbit.speed_m_s:g} m/s, seed {seed}",

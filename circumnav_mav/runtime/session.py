@@ -10,7 +10,6 @@ from pathlib import Path
 from circumnav_mav import report
 from circumnav_mav.config import Config
 from circumnav_mav.flight_record import TickRecord
-from circumnav_mav.guidance.phases import Phase
 from circumnav_mav.runtime.app import App, Options, Result
 from circumnav_mav.runtime.clock import Clock, new_event_loop
 from circumnav_mav.runtime.recorder import Recorder
@@ -28,8 +27,8 @@ class Outcome:
     notes: list[str]
 
 
-BEHIND = 0.03
-"""The share of its time that a simulated vehicle may lose before a person is told."""
+HELD_UP = 0.1
+"""The share of the time that the clock of a simulation may stand still before a person is told."""
 
 
 class Crash(Exception):
@@ -67,7 +66,7 @@ def fly(
         if before_report is not None:
             before_report()
     result.record_problem = recorder.problem
-    return _report(config, result, recorder.directory, truth_file, title, clock.speed)
+    return _report(config, result, recorder.directory, truth_file, title, clock)
 
 
 def _run(app: App, recorder: Recorder) -> Result:
@@ -84,15 +83,15 @@ def _run(app: App, recorder: Recorder) -> Result:
 
 
 def _report(
-    config: Config, result: Result, directory: Path | None, truth_file: Path | None, title: str, speed: float
+    config: Config, result: Result, directory: Path | None, truth_file: Path | None, title: str, clock: Clock
 ) -> Outcome:
     notes = [result.record_problem] if result.record_problem else []
     ticks: dict[str, list[str]] = {}
     if directory is not None and (directory / "ticks.csv").exists():
         ticks = report.read_columns(directory / "ticks.csv")
     truth = report.read_columns(truth_file) if truth_file is not None and truth_file.exists() else None
-    if behind := behind_note(ticks, truth, speed):
-        notes.append(behind)
+    if held := held_note(clock.held_s, result.duration_s, clock.speed):
+        notes.append(held)
     summary = report.summarise(config, result, ticks, truth)
     picture = None
     if directory is not None and ticks.get("t_s"):
@@ -108,18 +107,10 @@ def _report(
     return Outcome(result, summary, directory, picture, notes)
 
 
-def behind_note(ticks: dict[str, list[str]], truth: dict[str, list[str]] | None, speed: float) -> str:
-    """Return a note where the simulated vehicle lost time against the app's clock; empty where it kept up.
-
-    Its time counts from when the app heard it: until then its process was starting.
-    """
-    waiting = str(Phase.WAITING_AUTOPILOT)
-    heard = [t_s for t_s, phase in zip(ticks.get("t_s", []), ticks.get("phase", []), strict=True) if phase != waiting]
-    if not heard or not truth or not truth.get("t_s"):
+def held_note(held_s: float, duration_s: float, speed: float) -> str:
+    """Return a note where a simulation's clock stood still for held_s of wall time; empty where it hardly did."""
+    share = held_s / (held_s + duration_s / speed) if held_s > 0.0 else 0.0
+    if share < HELD_UP:
         return ""
-    ours_s = float(heard[-1]) - float(heard[0])
-    its_s = float(truth["t_s"][-1]) - float(truth["t_s"][0])
-    if its_s >= (1.0 - BEHIND) * ours_s:
-        return ""
-    lost = f"the simulated vehicle fell {100.0 * (1.0 - its_s / ours_s):.0f} % behind"
-    return f"this machine cannot keep up with {speed:g} x real time ({lost}): try a lower --speed"
+    stood = f"the clock stood still for {100.0 * share:.0f} % of the time"
+    return f"this machine does not keep up with {speed:g} x real time: {stood} (the flight is the same, only slower)"

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import json
+import os
+import random
 import signal
 import socket
 import subprocess
@@ -68,6 +70,28 @@ def test_the_demo_settles_and_leaves_what_it_promises(tmp_path):
     assert {p.name for p in flight.iterdir()} == {"events.log", "flight.png", "flight.tlog", "ticks.csv", "truth.csv"}
     assert (flight / "flight.png").stat().st_size > 20_000
     assert "settled" in done.stdout and "Traceback" not in done.stderr
+
+
+@pytest.mark.realtime
+@pytest.mark.soak
+def test_a_machine_that_holds_the_demo_up_makes_it_slower_and_no_worse(tmp_path):
+    """The vehicle's process loses 0.4 s again and again, which at five times real time are 2 s of flight."""
+    config = written(tmp_path, "orbit: {radius_m: 50}")
+    json_file, draw = str(tmp_path / "demo.json"), random.Random(5)
+    with process(*CIRCUMNAV, "demo", "--config", config, "--json", json_file, "--seed", "5") as demo:
+        while demo.poll() is None:
+            time.sleep(draw.uniform(0.2, 2.0))
+            children = Path(f"/proc/{demo.pid}/task/{demo.pid}/children")
+            with contextlib.suppress(OSError):  # before its start and after its end there is none
+                for child in children.read_text().split():
+                    os.kill(int(child), signal.SIGSTOP)
+                    time.sleep(0.4)
+                    os.kill(int(child), signal.SIGCONT)
+        said, complaints = demo.communicate()
+    figures = json.loads((tmp_path / "demo.json").read_text())
+    assert demo.returncode == 0 and figures["outcome"] == "completed", said + complaints
+    assert figures["tail_rms_error_m"] < 0.6 and figures["tail_max_error_m"] < 1.5
+    assert "does not keep up with 5 x real time" in said + complaints
 
 
 def test_a_busy_port_is_one_line(tmp_path):
