@@ -388,13 +388,13 @@ class Flight:
             return
         self._map_next_s = now_s + MAP_S
         t = self.target
-        self._frames.append(self.link.target_vector(now_s, t.north_m, t.east_m, t.sigma_m))
+        self._frames.append(self.link.announce.target(now_s, t.north_m, t.east_m, t.sigma_m))
         if isfinite(t.drift_sigma_m_s):
-            self._frames.append(self.link.drift_array(now_s, t.drift_north_m_s, t.drift_east_m_s, t.drift_sigma_m_s))
+            self._frames.append(self.link.announce.drift(now_s, t.drift_north_m_s, t.drift_east_m_s, t.drift_sigma_m_s))
         if decision.phase in ENGAGED and self.target_place is not None:
             orbit = self._config.orbit
             radius_m = orbit.radius_m if orbit.direction == "clockwise" else -orbit.radius_m
-            self._frames.append(self.link.orbit_on_map(now_s, radius_m, *self.target_place))
+            self._frames.append(self.link.announce.orbit(now_s, radius_m, *self.target_place))
 
     def _motion(self, now_s: float) -> Motion:
         ap = self.link.autopilot

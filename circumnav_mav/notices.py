@@ -33,7 +33,7 @@ class Notices:
         """Tell the log, the terminal and the ground station."""
         self.tell(now_s, text, severity)
         if self._link.autopilot.sysid is not None:
-            self._send(self._link.statustext(f"circumnav {text}", severity))
+            self._send(self._link.announce.text(f"circumnav {text}", severity))
 
     def tell(self, now_s: float, text: str, severity: int) -> None:
         """Tell the log and the terminal."""

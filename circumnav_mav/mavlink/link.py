@@ -12,6 +12,7 @@ from struct import pack, unpack
 from typing import Any
 
 from circumnav_mav.mavlink import px4_modes
+from circumnav_mav.mavlink.announcer import Announcer
 from circumnav_mav.mavlink.autopilot import AUTOPILOT_COMPONENT, Autopilot
 from circumnav_mav.mavlink.codec import Decoder, Frame, Message, Packer, Splitter
 from circumnav_mav.mavlink.commands import Command, CommandQueue
@@ -31,9 +32,6 @@ OVERDUE_S, ASK_OVERDUE_S = 1.2, 0.2
 NEED_HZ = 1.0
 """Rate to ask for what a vehicle class needs to hear, without flying on it."""
 PARAM_INT32 = 6
-STATUSTEXT_LENGTH = 50
-TARGET, DRIFT = b"TARGET", b"DRIFT"
-"""Names, at most ten letters, under which ground stations and logs show the target."""
 LET_GO = frozenset({Control.RELEASED, Control.GIVEN_BACK})
 COMMANDS = frozenset({"COMMAND_LONG", "COMMAND_INT"})
 SETPOINTS = frozenset({"SET_POSITION_TARGET_LOCAL_NED", "SET_POSITION_TARGET_GLOBAL_INT", "SET_ATTITUDE_TARGET"})
@@ -66,6 +64,7 @@ class AutopilotLink:
         self._splitter = Splitter(read)
         self._decoder = Decoder(read)
         self._packer = Packer(system_id or 1, COMPANION_COMPONENT, signer)
+        self.announce = Announcer(self._packer, self.autopilot)
         self.signer = signer
         self.signs_at_us = False
         """Whether the autopilot signs and we have no key: it will not listen."""
@@ -270,44 +269,6 @@ class AutopilotLink:
             target_system=system,
             target_component=component,
         )
-
-    def statustext(self, text: str, severity: int) -> list[bytes]:
-        """Return a text for the ground station, which the autopilot forwards: in chunks where it is long."""
-        raw = text.encode("ascii", "replace")
-        chunks = [raw[i : i + STATUSTEXT_LENGTH] for i in range(0, len(raw), STATUSTEXT_LENGTH)]
-        self._text_id = self._text_id % 0xFFFF + 1 if len(chunks) > 1 else self._text_id
-        text_id = self._text_id if len(chunks) > 1 else 0
-        return [
-            self._packer.pack("STATUSTEXT", severity=severity, text=chunk, id=text_id, chunk_seq=i)
-            for i, chunk in enumerate(chunks)
-        ]
-
-    _text_id: int = 0
-
-    def orbit_on_map(self, now_s: float, radius_m: float, lat_deg: float, lon_deg: float) -> bytes:
-        """Return ORBIT_EXECUTION_STATUS: ground stations draw the circle. radius_m: + clockwise."""
-        return self._packer.pack(
-            "ORBIT_EXECUTION_STATUS",
-            time_usec=int(now_s * 1e6),
-            radius=radius_m,
-            x=round(lat_deg * 1e7),
-            y=round(lon_deg * 1e7),
-            z=0.0 if isnan(self.autopilot.amsl_m) else self.autopilot.amsl_m,
-            frame=enums.MAV_FRAME_GLOBAL,
-        )
-
-    def target_vector(self, now_s: float, north_m: float, east_m: float, sigma_m: float) -> bytes:
-        """Return DEBUG_VECT `TARGET`: the target from the vehicle (x north, y east) and the uncertainty z, in metres.
-
-        Ground stations keep one row a message and component, whatever its name: so no message is sent under two names.
-        """
-        return self._packer.pack("DEBUG_VECT", name=TARGET, time_usec=int(now_s * 1e6), x=north_m, y=east_m, z=sigma_m)
-
-    def drift_array(self, now_s: float, north_m_s: float, east_m_s: float, sigma_m_s: float) -> bytes:
-        """Return DEBUG_FLOAT_ARRAY `DRIFT`: wind minus the target's velocity (north, east), its uncertainty, in m/s."""
-        values = (north_m_s, east_m_s, sigma_m_s)
-        data = values + (0.0,) * (by_name("DEBUG_FLOAT_ARRAY").lengths[-1] - len(values))
-        return self._packer.pack("DEBUG_FLOAT_ARRAY", time_usec=int(now_s * 1e6), name=DRIFT, array_id=0, data=data)
 
     def _heartbeat(self) -> bytes:
         return self._packer.pack(
