@@ -75,5 +75,6 @@ SOURCE = ByteSource(
     decoder=lambda options: LineDecoder(_Parser()),
     resolution_m=0.01,
     has_rate=True,
+    carries=frozenset({"stamp_s"}),
     start=((0.0, b"OJ"),),
 )

@@ -15,6 +15,8 @@ from typing import Any, Protocol, TypeAlias
 from circumnav_mav.types import Rejected
 
 NAN = math.nan
+BYTE, TWO_BYTES = 0xFF, 0xFFFF
+"""Greatest numbers of the fields that carry ids."""
 
 
 class Reason(StrEnum):
@@ -83,6 +85,11 @@ class Settings:
     options: Mapping[str, Any] = field(default_factory=dict)
 
 
+CARRIED = ("beacon_id", "sensor_id", "orientation", "quality_pct", "stamp_s")
+"""Fields of a Reading that keys of the `ranging:` section choose or judge by, and that not every source has."""
+NOTHING: frozenset[str] = frozenset()
+
+
 class ByteDecoder(Protocol):
     """Turns one device's byte stream into Readings: any bytes, in any pieces, never an exception, bounded memory."""
 
@@ -99,7 +106,8 @@ class MessageSource:
     read: Callable[[Any, float], Reading | Rejected]  # (object with the message's fields, now_s)
     resolution_m: float  # least step of the range
     has_rate: bool = False
-    has_beacon_id: bool = False  # ranging.beacon_id can choose
+    carries: frozenset[str] = NOTHING  # which of CARRIED its readings may have
+    most_beacon_id: float = math.inf
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,12 +120,20 @@ class ByteSource:
     resolution_m: float
     baud: int = 115_200
     has_rate: bool = False
-    has_beacon_id: bool = False  # ranging.beacon_id can choose
+    carries: frozenset[str] = NOTHING  # which of CARRIED its readings may have
+    most_beacon_id: float = math.inf
+    named: Callable[[Mapping[str, Any]], frozenset[str]] | None = None  # options -> those of `carries` that they name
     options: Mapping[str, str] = field(default_factory=dict)  # every key it understands, with what it means
     start: tuple[tuple[float, bytes], ...] = ()  # (wait s, send) steps that make a silent device talk
 
 
 Source: TypeAlias = MessageSource | ByteSource
+
+
+def carried(source: Source, options: Mapping[str, Any]) -> frozenset[str]:
+    """Return which of CARRIED the source's readings may have with these options, which are valid ones."""
+    named = source.named if isinstance(source, ByteSource) else None
+    return source.carries if named is None else source.carries & named(options)
 
 
 def number(options: Mapping[str, Any], key: str, default: float, least: float = -math.inf) -> float:

@@ -60,7 +60,7 @@ class _Receiver:
         self.heard: dict[Channel, float] = {}
         """The last range [m] of every channel heard, flown on or not: what from, sensor_id, beacon_id choose from."""
         self._settings = settings
-        self._names_beacon = source.has_beacon_id
+        self._names_beacon = "beacon_id" in source.carries
         stuck_s = settings.stuck_s
         if stuck_s is None:
             stuck_s = STUCK_S if source.resolution_m <= FINE_RESOLUTION_M else 0.0

@@ -64,6 +64,6 @@ SOURCE = ByteSource(
     summary="a file of recorded ranges: t_s, range_m [, range_rate_m_s [, sigma_m [, beacon_id]]]",
     decoder=lambda options: LineDecoder(parse),
     resolution_m=0.01,
-    has_beacon_id=True,
+    carries=frozenset({"beacon_id", "stamp_s"}),
     has_rate=True,
 )
