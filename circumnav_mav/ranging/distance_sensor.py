@@ -40,4 +40,5 @@ SOURCE = MessageSource(
     message_ids=(132,),
     read=read,
     resolution_m=1.0 / CM,
+    most_m=655.36,
 )

@@ -34,6 +34,7 @@ SOURCE = ByteSource(
     summary="DWM1001 (PANS shell, command les): centimetres, several anchors by hexadecimal id",
     decoder=lambda options: LineDecoder(parse),
     resolution_m=0.01,
+    most_m=1_000.0,
     has_beacon_id=True,
     start=((0.0, b"\r\r"), (1.0, b"les\r")),
 )

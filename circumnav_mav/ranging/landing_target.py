@@ -24,5 +24,6 @@ SOURCE = MessageSource(
     message_ids=(149,),
     read=read,
     resolution_m=0.0,
+    most_m=10_000.0,
     has_beacon_id=True,
 )

@@ -14,7 +14,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from circumnav_mav.ranging.framing import LineDecoder, not_understood
-from circumnav_mav.ranging.plug import NAN, ByteDecoder, ByteSource, Reading, finite, number
+from circumnav_mav.ranging.plug import FARTHEST_M, NAN, ByteDecoder, ByteSource, Reading, finite, number
 from circumnav_mav.ranging.units import LENGTH, SPEED, TIME
 from circumnav_mav.types import Rejected
 
@@ -136,6 +136,7 @@ SOURCE = ByteSource(
     summary="any device that sends lines: by a regular expression or JSON paths, with units",
     decoder=decoder,
     resolution_m=0.01,
+    most_m=FARTHEST_M,
     has_beacon_id=True,
     has_rate=True,
     options={

@@ -85,6 +85,7 @@ SOURCE = ByteSource(
     summary="Nooploop LinkTrack UWB, NLink NodeFrame2 or NodeFrame3: millimetres, several nodes by id",
     decoder=Decoder,
     resolution_m=0.001,
+    most_m=10_000.0,
     has_beacon_id=True,
     baud=921_600,
     options={

@@ -23,7 +23,7 @@ from circumnav_mav.guidance.estimators.drift_gaussian import (
     use_rate,
 )
 from circumnav_mav.guidance.estimators.gate import refuse, remember
-from circumnav_mav.guidance.estimators.ring import LIKELY, TWIN, best_of, judged, merge, prune, smoothed, unflown
+from circumnav_mav.guidance.estimators.ring import LIKELY, TWIN, best_of, judged, lead, merge, prune, smoothed, unflown
 from circumnav_mav.guidance.kernel import (
     RESTARTED,
     Estimate,
@@ -85,7 +85,7 @@ def seed_again(bank: list[Drift], mem: Memory, m: Moved, z: Reading, par: Parame
     seed(bank, z, par, variance, atan2(here.py, here.px))
     for i in range(RING):
         bank[i] = use_rate(bank[i], here.r_dot, m, (KEPT_RATE * par.V) ** 2, par.gate)
-    prune(bank)
+    lead(bank, prune(bank), False)
 
 
 def split(bank: list[Drift]) -> None:
@@ -126,21 +126,20 @@ def plausible(h: Drift, par: Parameters) -> bool:
     return h.wx * h.wx + h.wy * h.wy <= par.w_most * par.w_most and abs(h.s) <= par.s_most
 
 
-def weed(bank: list[Drift], par: Parameters) -> bool:
-    """Give up hypotheses whose drift or scale no air has. Where all the likely ones are such, keep them, and say so."""
-    likely, left = bank[best_of(bank)].log_weight - LIKELY, -1
-    for i in range(len(bank)):
-        h = bank[i]
-        if h.log_weight > likely and plausible(h, par) and (left < 0 or h.log_weight > bank[left].log_weight):
-            left = i
-    if left < 0:
-        return True
-    if left > 0 and not plausible(bank[0], par):
-        bank[0], bank[left] = bank[left], bank[0]
-    for i in range(len(bank) - 1, 0, -1):
-        if not plausible(bank[i], par):
-            bank.pop(i)
-    return False
+def fittest(bank: list[Drift], best: int, par: Parameters) -> int:
+    """Return the index of the likeliest hypothesis with a drift and a scale that can be; -1 where none is likely.
+
+    `best` is the likeliest of all. Before the first turns a right one, still wide, may stray past the bounds and come
+    back: it is kept, and only does not lead.
+    """
+    if plausible(bank[best], par):
+        return best
+    likely, fit, i = bank[best].log_weight - LIKELY, -1, 0
+    for h in bank:
+        if h.log_weight > likely and plausible(h, par):
+            likely, fit = h.log_weight, i
+        i += 1  # noqa: SIM113 (plain Python is quicker so)
+    return fit
 
 
 def observe(bank: list[Drift], mem: Memory, m: Moved, z: Reading, par: Parameters) -> Memory:
@@ -170,17 +169,18 @@ def observe(bank: list[Drift], mem: Memory, m: Moved, z: Reading, par: Parameter
         return mem
     for i in range(len(bank)):
         bank[i] = used[i] if isnan(z.r_dot) else use_rate(used[i], z.r_dot, m, par.sigma_r_dot**2, par.gate)
-    lost = weed(bank, par)
     if len(bank) > len(STIRS):
         best, alike = bank[best_of(bank)], []
         for h in bank:
             alike.append(same(h, best))
         merge(bank, alike)
-    prune(bank)
+    fit = fittest(bank, prune(bank), par)
+    if fit >= 0:
+        lead(bank, fit, not plausible(bank[0], par))
     for stir in unflown(bank, STIRS):
         bank.append(again(bank[0], stir, bank[0].log_weight - TWIN))
     alarm = smoothed(mem.alarm, min(leader, par.gate**2))
-    if alarm > par.alarm or lost:
+    if alarm > par.alarm or fit < 0:
         seed_again(bank, mem, m, z, par, variance)
         return Memory(mem.known, RESTARTED, leader, 1.0, nan, 0.0, 0.0, nan)
     return remember(mem, m.dt, leader, 1.0, alarm, error)
