@@ -41,4 +41,5 @@ SOURCE = MessageSource(
     read=read,
     resolution_m=1.0 / CM,
     carries=frozenset({"sensor_id", "orientation", "quality_pct", "stamp_s"}),
+    most_m=655.36,
 )

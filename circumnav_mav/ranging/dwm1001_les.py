@@ -36,5 +36,6 @@ SOURCE = ByteSource(
     resolution_m=0.01,
     carries=frozenset({"beacon_id"}),
     most_beacon_id=TWO_BYTES,
+    most_m=1_000.0,
     start=((0.0, b"\r\r"), (1.0, b"les\r")),
 )

@@ -26,4 +26,5 @@ SOURCE = MessageSource(
     resolution_m=0.0,
     carries=frozenset({"beacon_id", "stamp_s"}),
     most_beacon_id=BYTE,
+    most_m=10_000.0,
 )

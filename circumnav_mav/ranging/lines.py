@@ -14,7 +14,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from circumnav_mav.ranging.framing import LineDecoder, not_understood
-from circumnav_mav.ranging.plug import NAN, ByteDecoder, ByteSource, Reading, finite, number
+from circumnav_mav.ranging.plug import FARTHEST_M, NAN, ByteDecoder, ByteSource, Reading, finite, number
 from circumnav_mav.ranging.units import LENGTH, SPEED, TIME
 from circumnav_mav.types import Rejected
 
@@ -144,6 +144,7 @@ SOURCE = ByteSource(
     decoder=decoder,
     resolution_m=0.01,
     carries=frozenset({"beacon_id", "quality_pct", "stamp_s"}),
+    most_m=FARTHEST_M,
     has_rate=True,
     named=named,
     options={

@@ -87,6 +87,7 @@ SOURCE = ByteSource(
     resolution_m=0.001,
     carries=frozenset({"beacon_id", "sensor_id", "stamp_s"}),
     most_beacon_id=BYTE,
+    most_m=10_000.0,
     baud=921_600,
     options={
         "max_path_gap_db": "reject a range whose first path is this much weaker than the total signal: no line of sight"

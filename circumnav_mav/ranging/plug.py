@@ -19,6 +19,10 @@ BYTE, TWO_BYTES = 0xFF, 0xFFFF
 """Greatest numbers of the fields that carry ids."""
 
 
+FARTHEST_M = 100_000.0
+"""For a source that can be any radio: past the horizon of anything that flies low."""
+
+
 class Reason(StrEnum):
     """Why a range is not flown on; the word that is counted, logged and shown."""
 
@@ -30,7 +34,7 @@ class Reason(StrEnum):
     DECOY_ORIENTATION = "decoy_orientation"  # looks elsewhere: a downward range finder, or not the configured one
     INVALID_QUALITY = "invalid_quality"  # the device calls it invalid, or its quality is below the least
     NOT_FINITE = "not_finite"
-    OUT_OF_RANGE = "out_of_range"  # outside the device's own limits or the configured ones
+    OUT_OF_RANGE = "out_of_range"  # outside the device's own limits, the configured ones, or what can be at all
     STALE = "stale"  # older than max_age_s when it arrived
     TIME_BACKWARDS = "time_backwards"  # older than the sample before it
     DUPLICATE = "duplicate"  # the same measurement again
@@ -105,6 +109,7 @@ class MessageSource:
     message_ids: tuple[int, ...]
     read: Callable[[Any, float], Reading | Rejected]  # (object with the message's fields, now_s)
     resolution_m: float  # least step of the range
+    most_m: float  # farther than any device of its kind ranges: what counts as no range where max_m is not given
     has_rate: bool = False
     carries: frozenset[str] = NOTHING  # which of CARRIED its readings may have
     most_beacon_id: float = math.inf
@@ -118,6 +123,7 @@ class ByteSource:
     summary: str
     decoder: Callable[[Mapping[str, Any]], ByteDecoder]  # options of the `ranging:` section -> a fresh decoder
     resolution_m: float
+    most_m: float
     baud: int = 115_200
     has_rate: bool = False
     carries: frozenset[str] = NOTHING  # which of CARRIED its readings may have

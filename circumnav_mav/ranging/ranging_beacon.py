@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from circumnav_mav.ranging.plug import NAN, TWO_BYTES, MessageSource, Reading, Reason
+from circumnav_mav.ranging.plug import FARTHEST_M, NAN, TWO_BYTES, MessageSource, Reading, Reason
 from circumnav_mav.types import Rejected
 
 MM = 1000.0  # a metre
@@ -38,4 +38,5 @@ SOURCE = MessageSource(
     resolution_m=1.0 / MM,
     carries=frozenset({"beacon_id", "quality_pct", "stamp_s"}),
     most_beacon_id=TWO_BYTES,
+    most_m=FARTHEST_M,
 )

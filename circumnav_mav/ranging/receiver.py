@@ -64,7 +64,9 @@ class _Receiver:
         stuck_s = settings.stuck_s
         if stuck_s is None:
             stuck_s = STUCK_S if source.resolution_m <= FINE_RESOLUTION_M else 0.0
-        self._limits = Limits(settings.max_age_s, settings.min_m, settings.max_m, settings.min_quality_pct, stuck_s)
+        self._limits = Limits(
+            settings.max_age_s, settings.min_m, settings.max_m, source.most_m, settings.min_quality_pct, stuck_s
+        )
         self._gate = Gate(self._limits)
         self._clock = StampClock(DOUBT_SHARE * settings.max_age_s)
         self._shared = SharedClock()

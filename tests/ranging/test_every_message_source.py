@@ -204,3 +204,13 @@ def test_who_is_heard_is_kept_to_choose_from_and_bounded():
     for beacon in range(1000):
         ranging.on_message(*SENDER, good(source, beacon_id=beacon), 8.0)
     assert len(ranging.heard) <= 64
+
+
+@pytest.mark.parametrize("name", ["landing_target", "rangefinder"])
+@pytest.mark.parametrize("absurd_m", [1e30, 3.4e38, 10_001.0])
+def test_a_finite_number_that_is_no_range_is_counted_and_not_flown_on(name, absurd_m):
+    ranging = receiver(SOURCES[name])
+    result = ranging.on_message(*SENDER, good(SOURCES[name], distance=absurd_m), 7.0)
+    assert isinstance(result, Rejected)
+    assert result.reason == Reason.OUT_OF_RANGE
+    assert ranging.counts.rejected == {Reason.OUT_OF_RANGE: 1}
