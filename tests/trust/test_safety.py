@@ -14,6 +14,7 @@ from pymavlink.dialects.v20 import all as mavlink
 
 from sitl_stub.streams import BUILDERS
 from tests.lockstep import OFFBOARD_LINK, Peer, Rig, airborne, config
+from tests.trust.outage import outage
 from tests.trust.rules import (
     HOLD,
     LAND,
@@ -124,11 +125,22 @@ ROWS: dict[str, Row] = {
         app={"ranging": {"coast_s": 3.0}},
     ),
     "link lost": Row(
-        lambda rig, patch: setattr(rig, "deaf", True), 3.6, None, "the autopilot was not heard for 3.5 s", "released"
+        lambda rig, patch: setattr(rig, "deaf", True), 0.52, None, "nothing came from the autopilot for 1.0", "released"
+    ),
+    "link lost for a moment": Row(
+        lambda rig, patch: outage(rig, 0.8),
+        0.0,
+        None,
+        "nothing came from the autopilot for 0.5 s",
+        "held",
+        flies_on=True,
+    ),
+    "link lost, and back during the failsafe": Row(
+        lambda rig, patch: outage(rig, 2.0), 0.52, None, "nothing came from the autopilot for 1.0", "released"
     ),
     "autopilot restarted": Row(
-        lambda rig, patch: rig.reboot_vehicle(airborne(80.0, height_m=15.0), silent_s=1.0),
-        1.5,
+        lambda rig, patch: rig.reboot_vehicle(airborne(80.0, height_m=15.0), silent_s=0.6),
+        0.8,
         None,
         "the autopilot has restarted",
         "released",
