@@ -42,6 +42,7 @@ class Audit:
         words = replace(vehicle.words, parameters=asked(vehicle.name))
         subscribed = () if self.ranges.own_link else self.ranges.messages
         self.link = AutopilotLink(subscribed, vehicle.messages_hz, words, signer, system_id=config.vehicle.system_id)
+        self.link.authority.needs_air = vehicle.airframe != "rover"
         self._fitness = Fitness(vehicle, VEHICLES.values())
         self._counts: Counter[int] = Counter()
         self._sticks = False
@@ -129,7 +130,14 @@ class Audit:
             yield Finding(Severity.ERROR, "ids", rival)
         mode = f"{self.link.words.name(ap.custom_mode or 0)}, {'armed' if ap.armed else 'disarmed'}"
         why_not = "" if rival else authority.why_not(now_s)
-        yield Finding(Severity.WARNING if why_not else Severity.OK, "mode", f"{mode}; {why_not}" if why_not else mode)
+        if why_not and authority.waits_for_take_off:  # as it should be, where this is asked
+            auto = self._config.engage == "auto"
+            text = "stands ready to take off" if auto else "on the ground: take off before you engage"
+            yield Finding(Severity.OK, "mode", f"{mode}; {text}")
+        elif why_not:
+            yield Finding(Severity.WARNING, "mode", f"{mode}; {why_not}")
+        else:
+            yield Finding(Severity.OK, "mode", mode)
         sensors = ap.sensors
         # PX4 sets the health bit alone; ArduPilot calls the check present, too.
         tells = sensors is not None and (ap.kind == enums.MAV_AUTOPILOT_PX4 or sensors[0] & PREARM_CHECK)

@@ -160,6 +160,11 @@ class Authority:
         """Whether it stands on the ground: who selects our mode there would have it dragged over the grass."""
         return self.needs_air and self._autopilot.in_air is False
 
+    @property
+    def waits_for_take_off(self) -> bool:
+        """Whether standing on the ground is all that keeps a pilot from engaging."""
+        return self.grounded and self.control is Control.NOT_HELD and self.seen() is Seen.SETTLED
+
     def why_not(self, now_s: float) -> str:
         """Return in words why no setpoint may leave now; empty where one may."""
         if self.may_stream(now_s):
