@@ -174,7 +174,7 @@ class Safety(Section):
 
     flight_time_s: Positive | None = None
     laps: Positive | None = None
-    on_used_up: Literal["hold", "return", "land"] = "hold"
+    on_used_up: Literal["hold", "stop", "return", "land"] = "hold"
     battery_pct: Annotated[Finite, Field(ge=0, le=100)] = 20.0
     on_battery_low: Action = "return"
     height_lost_s: Positive = 3.0

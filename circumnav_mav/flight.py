@@ -252,10 +252,13 @@ class Flight:
         if (trip_now := self.lookout.trip) is not None and trip_now.ends:
             self.end(trip_now.text, trip_now.action)
 
-    def end(self, reason: str, action: str = "hold") -> None:
-        """Ask for a polite end: hand over to that action (hold, return, land), then silence."""
+    def end(self, reason: str, action: str = "") -> None:
+        """Ask for a polite end: hand over to that action (hold, return, land), then silence.
+
+        Without one: Hold, or silence alone where the vehicle class cannot have it.
+        """
         if not self.end_reason:
-            self.end_reason, self._end_action = reason, action
+            self.end_reason, self._end_action = reason, action or ("hold" if self._vehicle.hands_over else "stop")
 
     @property
     def done(self) -> bool:
@@ -304,7 +307,8 @@ class Flight:
     def _why(self) -> str:
         if self.end_reason:
             return self.end_reason
-        return self.lookout.trip.text if self.lookout.trip else self.link.authority.reason
+        held = self.link.authority.control in (Control.HELD, Control.GIVING_BACK)
+        return self.lookout.trip.text if self.lookout.trip and held else self.link.authority.reason
 
     def _judge(self, now_s: float) -> None:
         """Look whether the autopilot is the one for this vehicle class; say when a pilot may engage."""

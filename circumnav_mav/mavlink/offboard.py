@@ -196,7 +196,9 @@ class Authority:
                 f"pilot or ground station chose {self._mode()} while {self._words.ours_name} was asked for",
             )
         elif row := _ON_MODE.get((self.control, seen)):
-            self._to(row[0], row[1].format(mode=self._mode(), ours=self._words.ours_name))
+            stopped = self.control is Control.GIVING_BACK and self._give_back_mode is None
+            words = "streaming stopped, and the autopilot chose {mode}" if stopped else row[1]
+            self._to(row[0], words.format(mode=self._mode(), ours=self._words.ours_name))
         if seen is not Seen.NOTHING:
             self._was_elsewhere = seen is not Seen.OFFBOARD and seen is not Seen.OFFBOARD_DISARMED
 
