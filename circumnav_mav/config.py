@@ -97,7 +97,7 @@ class Ranging(Section):
 
     source: Annotated[str, _one_of("ranging source", SOURCES)] = "distance_sensor"
     endpoint: RangingEndpoint | None = None
-    sender: tuple[Annotated[Whole, Field(ge=1, le=255)], Annotated[Whole, Field(ge=1, le=255)]] | None = Field(
+    sender: tuple[Annotated[Whole, Field(ge=1, le=255)], Annotated[Whole, Field(ge=0, le=255)]] | None = Field(
         None, alias="from"
     )
     sensor_id: Whole | None = Field(None, ge=0, le=255)
