@@ -17,7 +17,7 @@ from circumnav_mav.mavlink.dialect import by_name, enums
 from circumnav_mav.mavlink.link import AutopilotLink
 from circumnav_mav.mavlink.signing import Signer
 from circumnav_mav.mavlink.vehicles import VEHICLES
-from circumnav_mav.mavlink.vehicles.fitness import Fitness, described
+from circumnav_mav.mavlink.vehicles.fitness import Fitness, Unfit, described
 from circumnav_mav.range_feed import RangeFeed
 from circumnav_mav.settings_check import Finding, Severity, facts, judged
 from circumnav_mav.settings_table import TABLES, asked
@@ -79,11 +79,13 @@ class Audit:
         if self.link.autopilot.sysid is None:
             found = [self._nobody(), *self._range(now_s)]
         else:
+            unfit = self._fitness.unfit(self.link.autopilot, now_s)
+            other_vehicle = unfit is not None and unfit.final
             found = [
-                *self._vehicle_rows(now_s),
+                *self._vehicle_rows(now_s, unfit),
                 *self._streams(now_s),
                 *self._range(now_s),
-                *self._settings(),
+                *([] if other_vehicle else self._settings()),  # which belong to another autopilot, or airframe
                 *self._pilot(),
                 *self._battery(),
             ]
@@ -109,9 +111,8 @@ class Audit:
             return Finding(Severity.ERROR, "autopilot", "bytes come that are not MAVLink", f"baud rate? {fix}")
         return Finding(Severity.ERROR, "autopilot", "nothing is heard", fix)
 
-    def _vehicle_rows(self, now_s: float) -> Iterator[Finding]:
+    def _vehicle_rows(self, now_s: float, unfit: Unfit | None) -> Iterator[Finding]:
         ap, authority = self.link.autopilot, self.link.authority
-        unfit = self._fitness.unfit(ap, now_s)
         who = f"system {ap.sysid}, {described(ap.kind, ap.vehicle_type)}"
         if unfit is not None:
             yield Finding(Severity.ERROR, "vehicle", unfit.text)

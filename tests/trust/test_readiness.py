@@ -196,6 +196,8 @@ def test_lost_estimates_stop_a_flight(monkeypatch):
 def test_the_wrong_vehicle_class_is_named_with_the_right_one():
     found, _ = listen({"vehicle": {"class": "arducopter"}})
     assert found["vehicle"].severity is ERROR and "px4_multirotor" in found["vehicle"].text
+    assert not any("did not say" in f.text for f in found["all"]), "what matters is the class"
+    assert {f.severity for f in found["all"] if f.what not in ("vehicle", "RC", "streams")} == {OK}
 
 
 def test_a_failsafe_is_told():
