@@ -133,9 +133,13 @@ class Autopilot:
         name, sysid, compid, seq, fields = message
         if compid != AUTOPILOT_COMPONENT or (sysid != self.sysid and not self._found(message)):
             return False
+        if name == "HEARTBEAT" and fields.autopilot == enums.MAV_AUTOPILOT_INVALID:
+            return False  # another program under the autopilot's ids: its mode is nobody's
         handler = self._handlers.get(name)
+        if handler is None:
+            return True
         place = self._order.place(seq, now_s)
-        if handler is not None and not (name in MODE_MESSAGES and self._overtaken(place)):
+        if not (name in MODE_MESSAGES and self._overtaken(place)):
             handler(fields, now_s)
             self.heard_s[name] = now_s
         return True
