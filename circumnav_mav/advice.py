@@ -126,6 +126,23 @@ def slant(config: Config) -> Iterator[Finding]:
         yield Finding("error", "slant", text)
 
 
+MODES = frozenset({"hold", "return", "land"})
+
+
+def handing_over(config: Config) -> Iterator[Finding]:
+    """Yield a warning for each cause on which a mode is asked for that the vehicle class cannot have."""
+    kind, safety = config.vehicle_class, config.safety
+    if kind.hands_over:
+        return
+    keys = {f"safety.{key}": action for key, action in safety if key.startswith("on_")}
+    if not kind.estimates:
+        del keys["safety.on_estimates_lost"]  # never happens
+    for key, action in {"on_range_lost": config.on_range_lost, **keys}.items():
+        if action in MODES:
+            text = f"{key}: {action} needs a position, which {kind.name} flies without: it is asked for in vain: stop"
+            yield Finding("warning", "hand_over", text)
+
+
 LOST_SHARE = 1.0 / 3.0
 """Wind, as a share of the speed, in which every law but tangent lost flights (docs/estimation.md, R_wind5)."""
 

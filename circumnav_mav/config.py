@@ -97,7 +97,7 @@ class Ranging(Section):
 
     source: Annotated[str, _one_of("ranging source", SOURCES)] = "distance_sensor"
     endpoint: RangingEndpoint | None = None
-    sender: tuple[Annotated[Whole, Field(ge=1, le=255)], Annotated[Whole, Field(ge=1, le=255)]] | None = Field(
+    sender: tuple[Annotated[Whole, Field(ge=1, le=255)], Annotated[Whole, Field(ge=0, le=255)]] | None = Field(
         None, alias="from"
     )
     sensor_id: Whole | None = Field(None, ge=0, le=255)
@@ -174,7 +174,7 @@ class Safety(Section):
 
     flight_time_s: Positive | None = None
     laps: Positive | None = None
-    on_used_up: Literal["hold", "return", "land"] = "hold"
+    on_used_up: Literal["hold", "stop", "return", "land"] = "hold"
     battery_pct: Annotated[Finite, Field(ge=0, le=100)] = 20.0
     on_battery_low: Action = "return"
     height_lost_s: Positive = 3.0

@@ -58,8 +58,8 @@ def cross_checks(config: Config, guidance: GuidanceSettings) -> Iterator[tuple[s
     yield from _study_checks(config)
     if config.ranging.sender == (config.vehicle.system_id, COMPANION_COMPONENT) and not config.ranging.endpoint:
         yield "ranging.from", "is this app itself: a program that speaks with its ids keeps it from engaging"
-    if config.ranging.sender and config.ranging.sender[1] == 1:
-        yield "ranging.from", "component 1 is the autopilot: its own range finder and its echoes are never flown on"
+    if config.ranging.sender and config.ranging.sender == (config.vehicle.system_id, 1):
+        yield "ranging.from", "is the autopilot that is flown: its own range finder and its echoes are never flown on"
 
 
 def _law_checks(config: Config) -> Iterator[tuple[str, str]]:

@@ -81,3 +81,17 @@ def test_check_takes_a_circle_that_the_wind_makes_impossible_as_an_error():
     assert "bank" not in check(**plane, study={"wind_m_s": 3.0})  # (15 + 3)^2 / (g tan 30 deg) = 57.2 m
     found = check(**plane, study={"wind_m_s": 4.0})["bank"]  # 63.76 m
     assert found.severity == "error" and "holds no circle below 63.76 m downwind" in found.text
+
+
+def test_check_says_which_hand_overs_a_class_without_a_position_cannot_have():
+    alone = {"vehicle": {"class": "px4_multirotor_attitude", "pitch_deg": -4.4}}
+    asked = {"on_range_lost": "hold", "safety": {"on_battery_low": "return", "on_band_broken": "fly_on"}}
+
+    def told(**sections):
+        return [f.text for f in findings(Config.model_validate(sections)) if f.topic == "hand_over"]
+
+    assert told(**alone) == []
+    assert told(vehicle={"class": "px4_multirotor"}, **asked) == []
+    texts = told(**alone, **asked)
+    assert [text.split(":")[0] for text in texts] == ["on_range_lost", "safety.on_battery_low"]
+    assert all("needs a position" in text for text in texts)
