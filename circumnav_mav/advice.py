@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from math import sqrt
+from math import ceil, sqrt
 
-from circumnav_mav.config import Config
+from circumnav_mav.config import Config, guidance_settings
 from circumnav_mav.guidance import sampling
+from circumnav_mav.guidance.barrier import least_room_m
+from circumnav_mav.guidance.computer import band_of
 from circumnav_mav.guidance.estimators import ESTIMATORS
 from circumnav_mav.guidance.estimators.flying import TRAIL_S
 from circumnav_mav.guidance.kernel import EstimatorContext
@@ -33,7 +35,7 @@ SUITS = {
 
 
 def suits(config: Config) -> Iterator[Finding]:
-    """Yield which estimator suits the vehicle class: a warning where the chosen one does not know what it must."""
+    """Yield which estimator suits the vehicle class and whether it can keep the band: warnings where it does not."""
     kind = config.vehicle_class
     best, why = SUITS[kind.speed]
     chosen = config.estimator.name
@@ -44,6 +46,15 @@ def suits(config: Config) -> Iterator[Finding]:
     if banded and best == "drift" and chosen != "drift":
         text = "orbit.r_min_m and r_max_m hold in wind below a tenth of the speed only: estimator drift counts it in"
         yield Finding("warning", "estimator", text)
+    band = band_of(guidance_settings(config))
+    room_m = least_room_m(config.orbit.speed_m_s, band.u_max)
+    least_m = max(room_m + 2.0 * band.margin, band.r_min + room_m)
+    if band.r_max < least_m:
+        text = (
+            f"the barrier cannot promise a band this narrow, nor this near: the hardest turn is {room_m:.3g} m across; "
+            f"raise orbit.r_max_m to {ceil(least_m)} m, or leave it out"
+        )
+        yield Finding("warning", "band", text)
 
 
 def rate_of_ranges(config: Config, kappa: float, lag_s: float) -> Iterator[Finding]:

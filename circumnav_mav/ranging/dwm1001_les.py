@@ -11,7 +11,7 @@ from __future__ import annotations
 import re
 
 from circumnav_mav.ranging.framing import LineDecoder, not_understood
-from circumnav_mav.ranging.plug import ByteSource, Reading
+from circumnav_mav.ranging.plug import TWO_BYTES, ByteSource, Reading
 from circumnav_mav.types import Rejected
 
 ANCHOR = re.compile(r"([0-9A-Fa-f]{4})\[[-0-9.,]*\]=(\d{1,4}\.\d\d)")
@@ -38,6 +38,8 @@ SOURCE = ByteSource(
     summary="DWM1001 (PANS shell, command les): centimetres, several anchors by hexadecimal id",
     decoder=lambda options: LineDecoder(parse),
     resolution_m=0.01,
-    has_beacon_id=True,
+    carries=frozenset({"beacon_id"}),
+    most_beacon_id=TWO_BYTES,
+    most_m=1_000.0,
     start=((LISTEN_S, b"\r\r"), (1.0, b"les\r")),
 )

@@ -33,6 +33,27 @@ def test_check_refuses_a_circle_within_the_cone_overhead():
                 assert found["slant"].severity == "error" and "within 25.8 m" in found["slant"].text
 
 
+@pytest.mark.parametrize(
+    ("band", "told"),
+    [
+        ({}, ""),
+        ({"r_min_m": 60.0}, ""),
+        ({"r_max_m": 120.0}, ""),
+        ({"r_min_m": 60.0, "r_max_m": 120.0}, ""),
+        ({"r_min_m": 68.0, "r_max_m": 120.0}, "raise orbit.r_max_m to 125 m"),
+        ({"radius_m": 50.0, "r_max_m": 60.0}, "raise orbit.r_max_m to 66 m"),
+    ],
+)
+def test_check_warns_of_a_band_too_narrow_to_turn_round_in(band, told):
+    """12 m/s at 30 degrees of bank turn on 25.4 m; counted on are 0.9 of that turn rate: 56.5 m across. The reaction is
+    0.2 s of lag and 0.94 s to build the turn up, the margin 3 x 0.3 m and a quarter of the way flown in it: 4.3 m.
+    """
+    orbit = {"radius_m": 80.0, "speed_m_s": 12.0} | band
+    found = check(vehicle={"class": "px4_fixed_wing"}, orbit=orbit, limits={"turn_accel_rad_s2": 0.5}).get("band")
+    assert (found.text.split("; ")[1].split(",")[0] if found else "") == told
+    assert found is None or (found.severity == "warning" and "56.5 m across" in found.text)
+
+
 @pytest.mark.parametrize(("height_m", "severity"), [(16.0, "info"), (17.0, "warning"), (500.0, "warning")])
 def test_check_says_that_a_range_is_taken_as_horizontal(height_m, severity):
     found = check(orbit={"radius_m": 50.0, "height_m": height_m})["slant"]

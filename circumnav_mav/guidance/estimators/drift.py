@@ -23,7 +23,7 @@ from circumnav_mav.guidance.estimators.drift_gaussian import (
     use_rate,
 )
 from circumnav_mav.guidance.estimators.gate import refuse, remember
-from circumnav_mav.guidance.estimators.ring import TWIN, best_of, judged, merge, prune, smoothed, unflown
+from circumnav_mav.guidance.estimators.ring import LIKELY, TWIN, best_of, judged, lead, merge, prune, smoothed, unflown
 from circumnav_mav.guidance.kernel import (
     RESTARTED,
     Estimate,
@@ -39,6 +39,9 @@ RING = 16
 
 SPLIT = 0.16
 """A hypothesis longer across the line of sight than this share of the range is cut."""
+
+KEPT_RATE = 0.2
+"""How well a belief that falls knows the range rate, as a share of the airspeed."""
 
 STIRS = (1.0, 30.0, 900.0)
 """Calm, gusty, wild: how many times the usual noise drives drift and scale. Once the ring is gone, one of each is
@@ -65,11 +68,24 @@ def ring_member(r: float, bearing: float, variance: float, par: Parameters, log_
     )
 
 
-def seed(bank: list[Drift], z: Reading, par: Parameters, variance: float) -> None:
-    """Fill the ring."""
+def seed(bank: list[Drift], z: Reading, par: Parameters, variance: float, first: float) -> None:
+    """Fill the ring; the one at the bearing `first` [rad] leads."""
     bank.clear()
     for i in range(RING):
-        bank.append(ring_member(z.r, 2.0 * pi * i / RING, variance, par, 0.0))
+        bank.append(ring_member(z.r, first + 2.0 * pi * i / RING, variance, par, 0.0))
+
+
+def seed_again(bank: list[Drift], mem: Memory, m: Moved, z: Reading, par: Parameters, variance: float) -> None:
+    """Fill the ring once more, with what a belief that falls was hardly wrong in.
+
+    It followed the ranges, so it knew their rate; and it is sooner wrong in the drift than in the bearing by a right
+    angle. A ring that leads blindly turns the vehicle round, as likely as not towards a target that is near by now.
+    """
+    here = carry(bank, mem, Moved(0.0, 0.0, 0.0, 0.0, m.V, m.u, m.psi), par)
+    seed(bank, z, par, variance, atan2(here.py, here.px))
+    for i in range(RING):
+        bank[i] = use_rate(bank[i], here.r_dot, m, (KEPT_RATE * par.V) ** 2, par.gate)
+    lead(bank, prune(bank), False)
 
 
 def split(bank: list[Drift]) -> None:
@@ -106,12 +122,32 @@ def same(h: Drift, best: Drift) -> bool:
     return du * du + dv * dv < 0.25 * (best.uu + best.vv)
 
 
+def plausible(h: Drift, par: Parameters) -> bool:
+    return h.wx * h.wx + h.wy * h.wy <= par.w_most * par.w_most and abs(h.s) <= par.s_most
+
+
+def fittest(bank: list[Drift], best: int, par: Parameters) -> int:
+    """Return the index of the likeliest hypothesis with a drift and a scale that can be; -1 where none is likely.
+
+    `best` is the likeliest of all. Before the first turns a right one, still wide, may stray past the bounds and come
+    back: it is kept, and only does not lead.
+    """
+    if plausible(bank[best], par):
+        return best
+    likely, fit, i = bank[best].log_weight - LIKELY, -1, 0
+    for h in bank:
+        if h.log_weight > likely and plausible(h, par):
+            likely, fit = h.log_weight, i
+        i += 1  # noqa: SIM113 (plain Python is quicker so)
+    return fit
+
+
 def observe(bank: list[Drift], mem: Memory, m: Moved, z: Reading, par: Parameters) -> Memory:
     """Carry the bank to the reading, judge it and use it."""
     sigma_r = par.sigma_r if isnan(z.sigma_r) else z.sigma_r
     variance = sigma_r * sigma_r
     if len(bank) == 0 or isnan(m.psi):  # without a heading, a displacement has no direction
-        seed(bank, z, par, variance)
+        seed(bank, z, par, variance, 0.0)
         return remember(mem, m.dt, nan, 0.0 if isnan(m.psi) else 1.0, 1.0)
     psi = m.psi - m.turn
     c, s = cos(psi), sin(psi)
@@ -129,7 +165,7 @@ def observe(bank: list[Drift], mem: Memory, m: Moved, z: Reading, par: Parameter
     if least > par.gate**2:
         mem = refuse(mem, z.r, m.dt, 2.0 * par.V, 2.0 * par.gate * sigma_r, error)
         if mem.verdict == RESTARTED:
-            seed(bank, z, par, variance)
+            seed(bank, z, par, variance, atan2(bank[0].py, bank[0].px))
         return mem
     for i in range(len(bank)):
         bank[i] = used[i] if isnan(z.r_dot) else use_rate(used[i], z.r_dot, m, par.sigma_r_dot**2, par.gate)
@@ -138,13 +174,14 @@ def observe(bank: list[Drift], mem: Memory, m: Moved, z: Reading, par: Parameter
         for h in bank:
             alike.append(same(h, best))
         merge(bank, alike)
-    prune(bank)
+    fit = fittest(bank, prune(bank), par)
+    if fit >= 0:
+        lead(bank, fit, not plausible(bank[0], par))
     for stir in unflown(bank, STIRS):
         bank.append(again(bank[0], stir, bank[0].log_weight - TWIN))
     alarm = smoothed(mem.alarm, min(leader, par.gate**2))
-    h = bank[0]
-    if alarm > par.alarm or hypot(h.wx, h.wy) > par.w_most or abs(h.s) > par.s_most:
-        seed(bank, z, par, variance)
+    if alarm > par.alarm or fit < 0:
+        seed_again(bank, mem, m, z, par, variance)
         return Memory(mem.known, RESTARTED, leader, 1.0, nan, 0.0, 0.0, nan)
     return remember(mem, m.dt, leader, 1.0, alarm, error)
 

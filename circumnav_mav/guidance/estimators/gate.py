@@ -17,7 +17,8 @@ VOTES = 5.0
 
 def remember(mem: Memory, dt: float, nis: float, known: float, alarm: float, error: float = NAN) -> Memory:
     """Return the memory after an accepted reading: it speaks against the rival."""
-    return Memory(known, ACCEPTED, nis, alarm, mem.rival_r, mem.rival_age + dt, max(0.0, mem.votes - 1.0), error)
+    votes = mem.votes - 1.0 if mem.votes > 1.0 else 0.0
+    return Memory(known, ACCEPTED, nis, alarm, mem.rival_r, mem.rival_age + dt, votes, error)
 
 
 def refuse(mem: Memory, r: float, dt: float, closing_speed: float, spread: float, error: float = NAN) -> Memory:

@@ -9,7 +9,7 @@ the ranges decide. Wind and speed errors are process noise.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from math import atan2, cos, hypot, isnan, nan, pi, sin
+from math import atan2, cos, hypot, isnan, log, nan, pi, sin
 from typing import NamedTuple
 
 from circumnav_mav.guidance.estimators.gate import refuse, remember
@@ -17,6 +17,7 @@ from circumnav_mav.guidance.estimators.ring import (
     TWIN,
     best_of,
     judged,
+    lead,
     log_likelihood,
     merge,
     prune,
@@ -32,6 +33,8 @@ from circumnav_mav.guidance.kernel import (
     Moved,
     Reading,
 )
+
+TURN = 2.0 * pi
 
 RING = 8
 """Hypotheses of theta at the start."""
@@ -65,19 +68,22 @@ class Polar(NamedTuple):
 def predict(h: Polar, m: Moved, par: Parameters) -> Polar:
     """Return the hypothesis after a motion of the vehicle."""
     r0, theta, prr, prt, ptt, stir, log_weight = h
+    dt, ahead, left, turn, _, _, _ = m
     c0, s0 = cos(theta), sin(theta)
-    x, y = r0 * c0 - m.ahead, -r0 * s0 - m.left
-    r = max(hypot(x, y), 1e-3)
+    x, y = r0 * c0 - ahead, -r0 * s0 - left
+    r = hypot(x, y)
+    if r < 1e-3:
+        r = 1e-3
     c, s = (x * c0 - y * s0) / r, (y * c0 + x * s0) / r  # of the angle that the line of sight swung
     # dr' = c dr - r0 s dtheta;  dtheta' = (s dr + r0 c dtheta) / r'
     b, d, e = -r0 * s, s / r, r0 * c / r
     grr, grt, gtr, gtt = c * prr + b * prt, c * prt + b * ptt, d * prr + e * prt, d * prt + e * ptt
     return Polar(
         r,
-        (m.turn - atan2(y, x) + pi) % (2.0 * pi) - pi,
-        c * grr + b * grt + stir * par.q_r * m.dt,
+        (turn - atan2(y, x) + pi) % TURN - pi,
+        c * grr + b * grt + stir * par.q_r * dt,
         d * grr + e * grt,
-        d * gtr + e * gtt + stir * par.q_theta * m.dt,
+        d * gtr + e * gtt + stir * par.q_theta * dt,
         stir,
         log_weight,
     )
@@ -87,10 +93,10 @@ def use_range(h: Polar, z: float, variance: float, gate: float) -> tuple[Polar, 
     """Return the hypothesis after a range, and its normalised innovation squared; beyond the gate it only costs."""
     r, theta, prr, prt, ptt, stir, log_weight = h
     error, s = z - r, prr + variance
-    nis = error * error / s
-    log_weight += log_likelihood(nis, s, gate)
-    if nis > gate * gate:
-        return Polar(r, theta, prr, prt, ptt, stir, log_weight), nis
+    nis, most = error * error / s, gate * gate
+    if nis > most:  # log_likelihood, written out here and below: the filter's whole cost is this and `predict`
+        return Polar(r, theta, prr, prt, ptt, stir, log_weight - 0.5 * (most + log(s))), nis
+    log_weight -= 0.5 * (nis + log(s))
     kr, kt = prr / s, prt / s
     return (
         Polar(r + kr * error, theta + kt * error, prr - kr * prr, prt - kr * prt, ptt - kt * prt, stir, log_weight),
@@ -158,14 +164,15 @@ def observe(bank: list[Polar], mem: Memory, m: Moved, z: Reading, par: Parameter
         if mem.verdict == RESTARTED:
             seed(bank, z, par, variance)
         return mem
+    rated = not isnan(z.r_dot)
     for i in range(len(bank)):
-        bank[i] = used[i] if isnan(z.r_dot) else use_rate(used[i], z.r_dot, m.V, par.sigma_r_dot**2, par.gate)
+        bank[i] = use_rate(used[i], z.r_dot, m.V, par.sigma_r_dot**2, par.gate) if rated else used[i]
     if len(bank) > len(STIRS):
         best, alike = bank[best_of(bank)], []
         for h in bank:
             alike.append(same(h, best))
         merge(bank, alike)
-    prune(bank)
+    lead(bank, prune(bank), False)
     for stir in unflown(bank, STIRS):
         bank.append(again(bank[0], stir, bank[0].log_weight - TWIN))
     alarm = smoothed(mem.alarm, min(leader, par.gate**2))
