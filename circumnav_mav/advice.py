@@ -60,12 +60,31 @@ def suits(config: Config) -> Iterator[Finding]:
         yield Finding("warning", "band", text)
 
 
+def _period_s(config: Config) -> tuple[float, str]:
+    """Return how far apart ranges come, s, and which key says so."""
+    if "range_rate_hz" in config.study.model_fields_set:
+        return 1.0 / config.study.range_rate_hz, "study.range_rate_hz"
+    return config.ranging.max_age_s, "ranging.max_age_s"
+
+
+def seldom(config: Config) -> Iterator[Finding]:
+    """Yield a warning where every range is stale before the next one comes."""
+    period_s, whose = _period_s(config)
+    if period_s > config.ranging.max_age_s:
+        text = (
+            f"one range in {period_s:.3g} s ({whose}) is stale before the next: after ranging.max_age_s = "
+            f"{config.ranging.max_age_s:g} s the flight counts as coasting; raise it, or take a quicker sensor"
+        )
+        yield Finding("warning", "seldom", text)
+
+
 def rate_of_ranges(config: Config, kappa: float, lag_s: float) -> Iterator[Finding]:
     """Yield how the rate of ranges and the filter bound the gain of the paper's law.
 
-    No sensor's rate is configured: the slowest that counts as fresh is one range in ranging.max_age_s.
+    Reckoned with are the ranges of study.range_rate_hz, where the file gives it; else the slowest that still count as
+    fresh, one in ranging.max_age_s.
     """
-    orbit, slowest_s = config.orbit, config.ranging.max_age_s
+    orbit, (slowest_s, whose) = config.orbit, _period_s(config)
     r_a, V = orbit.radius_m, orbit.speed_m_s
     if config.estimator.name == "raw":
         measured = SOURCES[config.ranging.source].has_rate
@@ -73,7 +92,7 @@ def rate_of_ranges(config: Config, kappa: float, lag_s: float) -> Iterator[Findi
         most = sampling.largest_kappa(r_a, V, lag_s + sampling.held_s(slowest_s, measured))
         text = (
             f"raw holds a rate between ranges: kappa {kappa:.3g} bears them {max(bears_s, 0.0):.3g} s apart at most; "
-            f"{slowest_s:.3g} s apart (ranging.max_age_s), only kappa below {most:.3g}"
+            f"{slowest_s:.3g} s apart ({whose}), only kappa below {most:.3g}"
         )
         yield Finding("warning" if bears_s < slowest_s else "info", "range_rate", text)
         return

@@ -245,6 +245,7 @@ class Config(Section):
             V=self.orbit.speed_m_s,
             turn_rate_limit=self.turn_rate_limit_rad_s,
             turn_lag_s=self.vehicle_class.turn_lag_s,
+            r_min=nan if self.orbit.r_min_m is None else self.orbit.r_min_m,
         )
 
     @property

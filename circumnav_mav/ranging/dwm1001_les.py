@@ -1,8 +1,9 @@
 """Qorvo (Decawave) DWM1001 with PANS: the lines of its shell command `les`, one anchor a word: ID[x,y,z]=metres.
 
 Example and format: PANS documentation, shell API, `les`. The module starts in binary mode: two carriage returns within
-a second open the shell, then `les` starts the lines (`les` again stops them). An anchor's hexadecimal id is the
-beacon_id.
+a second open the shell, then `les` starts the lines, and `les` again stops them. It keeps on with them when nobody
+reads, so a module that was started before is listened to first, and `les` is only sent to one that says nothing.
+An anchor's hexadecimal id is the beacon_id.
 """
 
 from __future__ import annotations
@@ -15,6 +16,9 @@ from circumnav_mav.types import Rejected
 
 ANCHOR = re.compile(r"([0-9A-Fa-f]{4})\[[-0-9.,]*\]=(\d{1,4}\.\d\d)")
 NO_RANGE = re.compile(r"le_us=\d+|est\[[-0-9.,]*\]|dwm>|les")
+
+LISTEN_S = 2.0
+"""A tag ranges 10 times a second as delivered; one slower than this at rest is stopped, and started again."""
 
 
 def parse(line: str, now_s: float) -> list[Reading | Rejected]:
@@ -37,5 +41,5 @@ SOURCE = ByteSource(
     carries=frozenset({"beacon_id"}),
     most_beacon_id=TWO_BYTES,
     most_m=1_000.0,
-    start=((0.0, b"\r\r"), (1.0, b"les\r")),
+    start=((LISTEN_S, b"\r\r"), (1.0, b"les\r")),
 )

@@ -95,3 +95,25 @@ def test_check_says_which_hand_overs_a_class_without_a_position_cannot_have():
     texts = told(**alone, **asked)
     assert [text.split(":")[0] for text in texts] == ["on_range_lost", "safety.on_battery_low"]
     assert all("needs a position" in text for text in texts)
+
+
+RAW = {"estimator": {"name": "raw"}, "orbit": {"radius_m": 50.0, "speed_m_s": 5.0}, "law": {"name": "hashemi2013"}}
+
+
+def test_check_reckons_with_the_rate_of_ranges_that_the_file_gives():
+    """kappa 3 at 50 m and 5 m/s: k V T = 1 at T = 3.3 s, and held ranges 2 s apart count 2 s (no rate is measured)."""
+    fast = check(**RAW, study={"range_rate_hz": 20.0}, ranging={"max_age_s": 4.0})["range_rate"]
+    slow = check(**RAW, study={"range_rate_hz": 0.25}, ranging={"max_age_s": 4.0})["range_rate"]
+    none = check(**RAW, ranging={"max_age_s": 4.0})["range_rate"]
+    assert fast.severity == "info" and "0.05 s apart (study.range_rate_hz)" in fast.text
+    assert slow.severity == "warning" and "4 s apart (study.range_rate_hz)" in slow.text
+    assert none.severity == "warning" and "4 s apart (ranging.max_age_s)" in none.text
+    direct = check(**RAW | {"estimator": {"name": "direct"}}, study={"range_rate_hz": 20.0})["range_rate"]
+    assert "one in 0.05 s" in direct.text
+
+
+def test_check_warns_of_ranges_that_are_stale_before_the_next():
+    assert "seldom" not in check(study={"range_rate_hz": 1.0})
+    found = check(study={"range_rate_hz": 0.8}, law={"name": "tangent"}, estimator={"name": "drift"})["seldom"]
+    assert found.severity == "warning" and "one range in 1.25 s (study.range_rate_hz)" in found.text
+    assert "seldom" not in check(study={"range_rate_hz": 0.8}, ranging={"max_age_s": 1.5})
