@@ -180,22 +180,23 @@ def ages(config: Config) -> Iterator[Finding]:
 
 STEEP = 1.0 / 3.0
 """Height above the target, as a share of the radius, from which taking a slant range as horizontal is a warning."""
+EXAMPLE_M = 30.0
+"""A height for people who have not chosen theirs."""
 
 
 def slant(config: Config) -> Iterator[Finding]:
     """Yield what the height means for the ranges: an error where they are refused all along the circle."""
     radius_m, height_m, target_m = config.orbit.radius_m, config.orbit.height_m, config.ranging.target_height_m
-    if height_m is None:
-        return
     if target_m is None:
+        yield _as_horizontal(radius_m, height_m)
+    elif target_m == "auto":
         text = (
-            "ranges are taken as horizontal: if the target is on the ground, a slant range of R m at "
-            f"{height_m:g} m of height is sqrt(R^2 - {height_m:g}^2) m over the ground: set ranging.target_height_m"
+            "ranges are flown on as slant, to a target on the ground (at the height of the take-off), until the flight "
+            "shows whether they are: ranging.target_height_m is auto; give it (0 = on the ground), or null where "
+            "ranges are horizontal, if you know"
         )
-        yield Finding("warning" if height_m >= STEEP * radius_m else "info", "slant", text)
-        return
-    least_m = least_level(height_m - target_m)
-    if radius_m < least_m:
+        yield Finding("info", "slant", text)
+    elif height_m is not None and radius_m < (least_m := least_level(height_m - target_m)):
         text = (
             f"ranges are refused within {least_m:.3g} m of a target {abs(height_m - target_m):g} m "
             f"{'below' if height_m > target_m else 'above'}, and the orbit is {radius_m:g} m: fly wider or lower"
@@ -218,6 +219,25 @@ def handing_over(config: Config) -> Iterator[Finding]:
         if action in MODES:
             text = f"{key}: {action} needs a position, which {kind.name} flies without: it is asked for in vain: stop"
             yield Finding("warning", "hand_over", text)
+
+
+def _as_horizontal(radius_m: float, height_m: float | None) -> Finding:
+    """Return what comes of taking ranges as horizontal to a target that is on the ground, in fact."""
+    to_do = "set ranging.target_height_m (0 = on the ground)"
+    if height_m is not None and height_m >= radius_m:
+        text = (
+            f"ranges are taken as horizontal: to a target on the ground none is shorter than the height, "
+            f"{height_m:g} m, and the circle of {radius_m:g} m is never reached; {to_do}, unless the target is as high "
+            "as the orbit"
+        )
+        return Finding("warning", "slant", text)
+    example_m = min(EXAMPLE_M, 0.6 * radius_m) if height_m is None else height_m
+    where = f"at {example_m:g} m of height" + (", say," if height_m is None else "")
+    text = (
+        f"ranges are taken as horizontal: if the target is on the ground, the circle flown {where} has a radius of "
+        f"{sqrt(radius_m**2 - example_m**2):.1f} m instead of {radius_m:g}; {to_do}"
+    )
+    return Finding("warning" if height_m is not None and height_m >= STEEP * radius_m else "info", "slant", text)
 
 
 LOST_SHARE = 1.0 / 3.0

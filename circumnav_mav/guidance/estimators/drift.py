@@ -23,7 +23,18 @@ from circumnav_mav.guidance.estimators.drift_gaussian import (
     use_rate,
 )
 from circumnav_mav.guidance.estimators.gate import compared, refuse, remember, restarted, shelved
-from circumnav_mav.guidance.estimators.ring import LIKELY, NEVER, TWIN, best_of, judged, lead, merge, prune, smoothed, unflown
+from circumnav_mav.guidance.estimators.ring import (
+    LIKELY,
+    NEVER,
+    TWIN,
+    best_of,
+    judged,
+    lead,
+    merge,
+    prune,
+    smoothed,
+    unflown,
+)
 from circumnav_mav.guidance.kernel import (
     RESTARTED,
     RETURNED,

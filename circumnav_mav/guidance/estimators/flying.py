@@ -6,7 +6,7 @@ a late sample is put where it belongs, a dropout costs nothing, and an estimate 
 
 from __future__ import annotations
 
-from math import exp, isnan, nan, sqrt
+from math import exp, isnan, log, nan, sqrt
 from typing import Any
 
 from circumnav_mav.guidance.estimators.noise import NoiseMeter
@@ -51,6 +51,7 @@ class FlyingEstimator:
         self._trail = Trail(TRAIL_S, self._speed_m_s)
         self._anchor: Place | None = None  # where the bank stands
         self.noise = NoiseMeter()
+        self._expected_m = nan  # sigma of the last sample, as it came
         self.restarts = 0  # times the readings outvoted the belief since the reset
         self.returns = 0  # times they came back to one that they had outvoted: an echo had won
 
@@ -71,6 +72,7 @@ class FlyingEstimator:
             moved = self._trail.between(self._anchor, place, motion)
         else:
             return Rejected(sample.t_s, "out_of_order", "a later range was used before it")
+        self._expected_m = sample.sigma_m
         reading = Reading(sample.range_m, sample.range_rate_m_s, self.noise.sigma(sample.sigma_m))
         self._mem = self._kernels.observe(self._bank, self._mem, moved, reading, self._par)
         self._anchor = place
@@ -115,6 +117,23 @@ class FlyingEstimator:
         """Return the standard deviation of the range at the last sample, m; NaN while unknown."""
         variance = self.covariance()[0]
         return nan if isnan(variance) else sqrt(max(0.0, variance))
+
+    def times_noisier(self) -> float:
+        """Return how many times noisier the ranges are than their samples say (a levelled slant range says more than
+        the range itself did); 1 unless they clearly are.
+        """
+        return self.noise.sigma_m / self._expected_m if self.noise.noisier(self._expected_m) else 1.0
+
+    def evidence(self) -> float:
+        """Return the log of the likelihood of the readings used since the bank began, up to a constant; NaN before.
+
+        It is comparable between two estimators of one kind that were given the same readings.
+        """
+        weights: list[float] = [h.log_weight for h in self._bank]
+        if not weights or self._anchor is None:
+            return nan
+        most = max(weights)
+        return most + log(sum(exp(weight - most) for weight in weights))
 
     def consistency(self) -> float:
         """Return the normalised innovation squared of the last range that was used: 1 on average when all is well."""
