@@ -23,7 +23,18 @@ from circumnav_mav.guidance.estimators.drift_gaussian import (
     use_rate,
 )
 from circumnav_mav.guidance.estimators.gate import compared, refuse, remember, restarted, shelved
-from circumnav_mav.guidance.estimators.ring import LIKELY, NEVER, TWIN, best_of, judged, lead, merge, prune, smoothed, unflown
+from circumnav_mav.guidance.estimators.ring import (
+    LIKELY,
+    NEVER,
+    TWIN,
+    best_of,
+    judged,
+    lead,
+    merge,
+    prune,
+    smoothed,
+    unflown,
+)
 from circumnav_mav.guidance.kernel import (
     RESTARTED,
     RETURNED,
@@ -144,7 +155,7 @@ def fittest(bank: list[Drift], best: int, par: Parameters) -> int:
 
 
 def observe(bank: list[Drift], mem: Memory, m: Moved, z: Reading, par: Parameters) -> Memory:
-    """Carry the bank to the reading, judge it and use it; take a shelved belief back when the ranges are at it again."""
+    """Carry the bank to the reading, judge it and use it; take a shelved belief back when ranges fit it again."""
     if isnan(mem.shelf_s):
         return follow(bank, mem, m, z, par)
     h = bank.pop()
