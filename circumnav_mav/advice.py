@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from math import sqrt
+from collections.abc import Iterator, Mapping
+from math import inf, isnan, nan, sqrt
 
 from circumnav_mav.config import Config
 from circumnav_mav.guidance import sampling
 from circumnav_mav.guidance.estimators import ESTIMATORS
 from circumnav_mav.guidance.estimators.flying import TRAIL_S
 from circumnav_mav.guidance.kernel import EstimatorContext
+from circumnav_mav.guidance.lag import loop_of
+from circumnav_mav.guidance.laws import LAWS
+from circumnav_mav.guidance.laws.hashemi2013 import DEFAULT_KAPPA
 from circumnav_mav.guidance.slant import least_level
 from circumnav_mav.guidance.verdict import Finding
 from circumnav_mav.ranging import SOURCES
@@ -78,6 +81,61 @@ def rate_of_ranges(config: Config, kappa: float, lag_s: float) -> Iterator[Findi
         f"; one in {slowest_s:.3g} s follows wind {late_s:.2g} s late, and kappa above {most:.3g} gains nothing then"
     )
     yield Finding("warning" if kappa > most else "info", "range_rate", text)
+
+
+GAINS = {
+    "pd_bias": ("kappa", 0.9),
+    "tangent": ("gain_per_s", 0.9),
+    "sliding_mode": ("layer_share", 1.1),
+    "cao2013_saturated": ("layer_share", 1.1),
+}
+"""What calms a law, and the factor of a step of it. The paper's family has a bound of its own (verdict.py)."""
+CALM, MOST_STEPS = 0.5, 40
+"""Share of the dead time borne from where on the circle swings; steps of the gain that a cure is looked for in."""
+
+
+def bears_lag(config: Config, late_s: float) -> Iterator[Finding]:
+    """Yield how much lag the law bears with its options, taken from its kernel: lag.py.
+
+    late_s: dead time in the loop besides the lag of the turn rate, s. A law with a layer weaves where it is unstable,
+    and stays near the circle: that is a warning. Any other leaves it.
+    """
+    name, lag_s, V = config.law.name, config.turn_lag_s, config.orbit.speed_m_s
+    if config.estimator.name == "raw":
+        late_s += sampling.held_s(1.0 / config.study.range_rate_hz, SOURCES[config.ranging.source].has_rate)
+    law, context = LAWS[name], config.law_context()
+
+    def share(options: Mapping[str, float]) -> tuple[float, float, float]:
+        loop = loop_of(law, law.parameters({**law.options, **options}, context), config.orbit.radius_m, V)
+        most_s = loop.dead_time_s(lag_s)
+        return max(lag_s / loop.lag_s(), late_s / most_s if most_s > 0.0 else inf), loop.lag_s(), most_s
+
+    used, borne_s, beside_s = share(config.law.options)
+    text = (
+        f"law {name} as set bears a turn rate that lags by {borne_s:.3g} s, or beside the vehicle's lag of {lag_s:.2g} "
+        f"s a dead time of {beside_s:.2g} s; here it is {late_s:.2g} s"
+    )
+    if used <= CALM:
+        yield Finding("info", "lag", text)
+        return
+    key, factor = GAINS[name]
+    value = config.law.options.get(key, nan)
+    value = start = (DEFAULT_KAPPA if key == "kappa" else law.options[key]) if isnan(value) else value
+    for _ in range(MOST_STEPS):
+        value *= factor
+        try:
+            calm = share({**config.law.options, key: value})[0] <= CALM
+        except ValueError:
+            break
+        if calm:
+            text += f": {key} {value:.2g} in place of {start:.2g} is calm"
+            break
+    if used < 1.0:
+        yield Finding("warning", "lag", f"the circle will swing: {text}")
+    elif "layer_share" in law.options:
+        yield Finding("warning", "lag", f"the vehicle will weave about the circle: {text}")
+    else:
+        yield Finding("error", "lag", f"the circle is unstable: {text}")
 
 
 def ages(config: Config) -> Iterator[Finding]:

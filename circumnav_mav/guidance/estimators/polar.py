@@ -18,7 +18,6 @@ from circumnav_mav.guidance.estimators.ring import (
     TWIN,
     best_of,
     judged,
-    lead,
     log_likelihood,
     merge,
     prune,
@@ -198,7 +197,7 @@ def follow(bank: list[Polar], mem: Memory, m: Moved, z: Reading, par: Parameters
         for h in bank:
             alike.append(same(h, best))
         merge(bank, alike)
-    lead(bank, prune(bank), False)
+    prune(bank)
     for stir in unflown(bank, STIRS):
         bank.append(again(bank[0], stir, bank[0].log_weight - TWIN))
     alarm = smoothed(mem.alarm, min(leader, par.gate**2))
