@@ -34,13 +34,21 @@ def test_a_hypothesis_that_cannot_be_takes_no_other_with_it():
     mem = drift.observe(bank, MEM, MOVED, reading(right), PAR)
     assert mem.verdict != RESTARTED
     assert math.degrees(math.atan2(bank[0].py, bank[0].px)) == pytest.approx(-60.0, abs=2.0)
-    assert not all(drift.plausible(h, PAR) for h in bank), "it may yet be right: it does not lead, and that is all"
+    assert any(h.wy < -13.0 for h in bank), "it may yet be right: it does not lead, and that is all"
 
 
 def test_a_plausible_hypothesis_that_is_hardly_possible_saves_nothing():
     impossible = believing(-9.0, (-9.0, -14.0))
     bank = [impossible, believing(-60.0, (-2.0, -8.0), log_weight=-drift.LIKELY - 3.0)]
     assert drift.observe(bank, MEM, MOVED, reading(impossible), PAR).verdict == RESTARTED
+
+
+def test_a_drift_and_a_scale_that_can_be_only_one_at_a_time_are_no_heir():
+    impossible, hardly = believing(-9.0, (-9.0, -14.0)), believing(-60.0, (9.0, -8.0), log_weight=-1.0)
+    bank = [impossible, hardly._replace(s=-0.3)]
+    assert drift.observe(bank, MEM, MOVED, reading(impossible), PAR).verdict == RESTARTED
+    bank = [impossible, hardly._replace(s=-0.1)]
+    assert drift.observe(bank, MEM, MOVED, reading(impossible), PAR).verdict != RESTARTED
 
 
 @pytest.mark.parametrize("bearing_deg", [-75.0, 60.0, 140.0])

@@ -29,7 +29,6 @@ from circumnav_mav.guidance.estimators.ring import (
     TWIN,
     best_of,
     judged,
-    lead,
     merge,
     prune,
     smoothed,
@@ -97,7 +96,7 @@ def seed_again(bank: list[Drift], mem: Memory, m: Moved, z: Reading, par: Parame
     seed(bank, z, par, variance, atan2(here.py, here.px))
     for i in range(RING):
         bank[i] = use_rate(bank[i], here.r_dot, m, (KEPT_RATE * par.V) ** 2, par.gate)
-    lead(bank, prune(bank), False)
+    prune(bank)
 
 
 def split(bank: list[Drift]) -> None:
@@ -134,28 +133,25 @@ def same(h: Drift, best: Drift) -> bool:
     return du * du + dv * dv < 0.25 * (best.uu + best.vv)
 
 
-def plausible(h: Drift, par: Parameters) -> bool:
-    return h.wx * h.wx + h.wy * h.wy <= par.w_most * par.w_most and abs(h.s) <= par.s_most
+def heir(bank: list[Drift], par: Parameters) -> int:
+    """Return the index of the one that leads on: 0, unless its drift or its scale cannot be; -1 where there is none.
 
-
-def fittest(bank: list[Drift], best: int, par: Parameters) -> int:
-    """Return the index of the likeliest hypothesis with a drift and a scale that can be; -1 where none is likely.
-
-    `best` is the likeliest of all. Before the first turns a right one, still wide, may stray past the bounds and come
-    back: it is kept, and only does not lead.
+    The likeliest is heir whose drift and scale can be together. One that does not lead may stray past the bounds and
+    come back: before the first turns even a right one is that wide.
     """
-    if plausible(bank[best], par):
-        return best
-    likely, fit, i = bank[best].log_weight - LIKELY, -1, 0
+    h = bank[0]
+    if hypot(h.wx, h.wy) <= par.w_most and abs(h.s) <= par.s_most:
+        return 0
+    likely, best, i = bank[best_of(bank)].log_weight - LIKELY, -1, 0
     for h in bank:
-        if h.log_weight > likely and plausible(h, par):
-            likely, fit = h.log_weight, i
+        if h.log_weight > likely and (hypot(h.wx, h.wy) / par.w_most) ** 2 + (h.s / par.s_most) ** 2 < 1.0:
+            likely, best = h.log_weight, i
         i += 1  # noqa: SIM113 (plain Python is quicker so)
-    return fit
+    return best
 
 
 def observe(bank: list[Drift], mem: Memory, m: Moved, z: Reading, par: Parameters) -> Memory:
-    """Carry the bank to the reading, judge it and use it; take a shelved belief back when the ranges are at it again."""
+    """Carry the bank to the reading, judge it and use it; take a shelved belief back when ranges fit it again."""
     if isnan(mem.shelf_s):
         return follow(bank, mem, m, z, par)
     h = bank.pop()
@@ -216,13 +212,14 @@ def follow(bank: list[Drift], mem: Memory, m: Moved, z: Reading, par: Parameters
         for h in bank:
             alike.append(same(h, best))
         merge(bank, alike)
-    fit = fittest(bank, prune(bank), par)
-    if fit >= 0:
-        lead(bank, fit, not plausible(bank[0], par))
+    prune(bank)
+    first = heir(bank, par)
+    if first > 0:
+        bank[0], bank[first] = bank[first], bank[0]
     for stir in unflown(bank, STIRS):
         bank.append(again(bank[0], stir, bank[0].log_weight - TWIN))
     alarm = smoothed(mem.alarm, min(leader, par.gate**2))
-    if alarm > par.alarm or fit < 0:
+    if alarm > par.alarm or first < 0:
         seed_again(bank, mem, m, z, par, variance)
         return restarted(mem, leader, 1.0)
     return remember(mem, m.dt, leader, 1.0, alarm, error)
