@@ -369,9 +369,9 @@ class Flight:
         self.link.authority.give_back(self.words.hand_over(action), now_s, f"{why}: {action}")
 
     def _watch_noise(self, now_s: float) -> None:
-        noise, expected_m = self.computer.estimator.noise, self._config.ranging.sigma_m
-        if noise.noisier(expected_m) and self.notices.once("noise"):
-            words = f"ranges are noisier than ranging.sigma_m = {expected_m:g} m: about {noise.sigma_m:.1f} m"
+        times, expected_m = self.computer.estimator.times_noisier(), self._config.ranging.sigma_m
+        if times > 1.0 and self.notices.once("noise"):
+            words = f"ranges are noisier than ranging.sigma_m = {expected_m:g} m: about {times * expected_m:.1f} m"
             self.notices.tell(now_s, f"{words}, which is flown on", INFO)
 
     def _show_target(self, now_s: float, decision: Decision) -> None:

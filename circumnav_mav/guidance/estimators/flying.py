@@ -72,7 +72,7 @@ class FlyingEstimator:
         reading = Reading(sample.range_m, sample.range_rate_m_s, self.noise.sigma(sample.sigma_m))
         self._mem = self._kernels.observe(self._bank, self._mem, moved, reading, self._par)
         self._anchor = place
-        self.noise.add(self._mem.error)
+        self.noise.add(self._mem.error, sample.sigma_m)
         if self._mem.verdict == OUTLIER:
             return Rejected(sample.t_s, "outlier", f"{sample.range_m:.1f} m does not fit the ranges before it")
         if self._mem.verdict == RESTARTED:
@@ -110,6 +110,12 @@ class FlyingEstimator:
         """Return the standard deviation of the range at the last sample, m; NaN while unknown."""
         variance = self.covariance()[0]
         return nan if isnan(variance) else sqrt(max(0.0, variance))
+
+    def times_noisier(self) -> float:
+        """Return how many times noisier the ranges are than their samples say (a levelled slant range says more than
+        the range itself did); 1 unless they surely are.
+        """
+        return self.noise.times if self.noise.surely else 1.0
 
     def consistency(self) -> float:
         """Return the normalised innovation squared of the last range that was used: 1 on average when all is well."""
