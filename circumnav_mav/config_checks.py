@@ -58,8 +58,8 @@ def cross_checks(config: Config, guidance: GuidanceSettings) -> Iterator[tuple[s
     yield from _study_checks(config)
     if config.ranging.sender == (config.vehicle.system_id, COMPANION_COMPONENT) and not config.ranging.endpoint:
         yield "ranging.from", "is this app itself: a program that speaks with its ids keeps it from engaging"
-    if config.ranging.sender and config.ranging.sender[1] == 1:
-        yield "ranging.from", "component 1 is the autopilot: its own range finder and its echoes are never flown on"
+    if config.ranging.sender and config.ranging.sender == (config.vehicle.system_id, 1):
+        yield "ranging.from", "is the autopilot that is flown: its own range finder and its echoes are never flown on"
 
 
 def _law_checks(config: Config) -> Iterator[tuple[str, str]]:
@@ -74,6 +74,10 @@ def _law_checks(config: Config) -> Iterator[tuple[str, str]]:
             yield path, text
 
 
+CHOOSES_HEIGHT = "drift"
+"""The estimator that sees whether ranges are slant: it knows from heading and airspeed how wide a circle was flown."""
+
+
 def _estimator_checks(config: Config, guidance: GuidanceSettings) -> Iterator[tuple[str, str]]:
     law, estimator, given = LAWS[config.law.name], ESTIMATORS[config.estimator.name], config.estimator.options
     missing = sorted(set(law.needs) - estimator.gives - {"V"})
@@ -84,6 +88,12 @@ def _estimator_checks(config: Config, guidance: GuidanceSettings) -> Iterator[tu
     yield from (("estimator." + k, f"no option of {estimator.name}{nearest(k, estimator.options)}") for k in unknown)
     if "sigma_m" in given:
         yield "estimator.sigma_m", "set ranging.sigma_m instead: a flight gives the estimator that, range by range"
+    if guidance.choose_height and estimator.name != CHOOSES_HEIGHT:
+        yield (
+            "ranging.target_height_m",
+            f"auto needs estimator {CHOOSES_HEIGHT}, not {estimator.name}: give the target's height above the take-off "
+            "(0 = on the ground), or null where ranges are horizontal",
+        )
     known = {key: value for key, value in given.items() if key in estimator.options and key != "sigma_m"}
     context = estimator_context(guidance)
     yield from _refused("estimator", known, lambda options: estimator.parameters(options, context))

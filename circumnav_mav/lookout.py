@@ -53,7 +53,7 @@ class Lookout:
 
     def _follow(self, now_s: float) -> bool:
         """Keep time, laps and the estimator's restarts while engaged; return whether it has just restarted."""
-        phase, restarts = self._computer.phase, self._computer.estimator.restarts
+        phase, restarts = self._computer.phase, self._computer.restarts
         restarted = phase in ENGAGED and restarts > self._restarts
         self._restarts = restarts
         if phase not in ENGAGED:

@@ -47,7 +47,7 @@ class Autopilot:
         self.vehicle: Multirotor | FixedWing
         self.pilot: MultirotorPilot | FixedWingPilot
         if self.fixed_wing:
-            self.vehicle = FixedWing(dt_s, *place)
+            self.vehicle = FixedWing(dt_s, *place, config.roll_lag_s)
             self.pilot = FixedWingPilot(self.vehicle, self.commander, self.params, config.airspeed_scale)
         else:
             self.vehicle = Multirotor(dt_s, *place)

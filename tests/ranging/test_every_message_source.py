@@ -52,6 +52,18 @@ def good(source: MessageSource, **changes: Any) -> Any:
 
 
 @sources
+@pytest.mark.parametrize("sender", [(42, 1), (255, 0), (255, 190), (1, 158)])
+def test_any_sender_that_is_named_is_believed_but_the_autopilot_that_is_flown(source, sender):
+    for autopilot in (None, (1, 1), (7, 1)):
+        opened = receiver(source, from_=sender)
+        opened.autopilot = autopilot
+        assert isinstance(opened.on_message(*sender, good(source), 7.0), RangeSample)
+    opened.autopilot = sender
+    rejected = opened.on_message(*sender, good(source), 8.0)
+    assert isinstance(rejected, Rejected) and rejected.reason == Reason.WRONG_SOURCE
+
+
+@sources
 def test_reads_a_good_message(source):
     sample = receiver(source).on_message(*SENDER, good(source), 7.0)
     assert isinstance(sample, RangeSample)

@@ -54,12 +54,29 @@ def test_check_warns_of_a_band_too_narrow_to_turn_round_in(band, told):
     assert found is None or (found.severity == "warning" and "56.5 m across" in found.text)
 
 
-@pytest.mark.parametrize(("height_m", "severity"), [(16.0, "info"), (17.0, "warning"), (500.0, "warning")])
-def test_check_says_that_a_range_is_taken_as_horizontal(height_m, severity):
+@pytest.mark.parametrize(
+    ("height_m", "severity", "flown"),
+    [
+        (14.0, "info", "at 14 m of height has a radius of 48.0 m instead of 50"),  # 14, 48, 50
+        (30.0, "warning", "at 30 m of height has a radius of 40.0 m instead of 50"),  # 30, 40, 50
+        (None, "info", "at 30 m of height, say, has a radius of 40.0 m instead of 50"),
+        (50.0, "warning", "none is shorter than the height, 50 m, and the circle of 50 m is never reached"),
+        (500.0, "warning", "none is shorter than the height, 500 m, and the circle of 50 m is never reached"),
+    ],
+)
+def test_check_says_what_comes_of_ranges_that_are_taken_as_horizontal(height_m, severity, flown):
     found = check(orbit={"radius_m": 50.0, "height_m": height_m})["slant"]
     assert found.severity == severity
-    assert f"sqrt(R^2 - {height_m:g}^2)" in found.text and "set ranging.target_height_m" in found.text
-    assert "slant" not in check(orbit={"radius_m": 50.0})
+    assert flown in found.text and "set ranging.target_height_m" in found.text
+
+
+def test_check_says_that_it_is_found_out_in_flight():
+    for sections in (
+        {"vehicle": {"class": "px4_fixed_wing"}, "orbit": {"height_m": 100.0}},
+        {"ranging": {"target_height_m": "auto"}, "estimator": {"name": "drift"}},
+    ):
+        found = check(**sections)["slant"]
+        assert found.severity == "info" and "until the flight shows whether they are" in found.text
 
 
 @pytest.mark.parametrize("kind", VEHICLES)
@@ -81,6 +98,20 @@ def test_check_takes_a_circle_that_the_wind_makes_impossible_as_an_error():
     assert "bank" not in check(**plane, study={"wind_m_s": 3.0})  # (15 + 3)^2 / (g tan 30 deg) = 57.2 m
     found = check(**plane, study={"wind_m_s": 4.0})["bank"]  # 63.76 m
     assert found.severity == "error" and "holds no circle below 63.76 m downwind" in found.text
+
+
+def test_check_says_which_hand_overs_a_class_without_a_position_cannot_have():
+    alone = {"vehicle": {"class": "px4_multirotor_attitude", "pitch_deg": -4.4}}
+    asked = {"on_range_lost": "hold", "safety": {"on_battery_low": "return", "on_band_broken": "fly_on"}}
+
+    def told(**sections):
+        return [f.text for f in findings(Config.model_validate(sections)) if f.topic == "hand_over"]
+
+    assert told(**alone) == []
+    assert told(vehicle={"class": "px4_multirotor"}, **asked) == []
+    texts = told(**alone, **asked)
+    assert [text.split(":")[0] for text in texts] == ["on_range_lost", "safety.on_battery_low"]
+    assert all("needs a position" in text for text in texts)
 
 
 RAW = {"estimator": {"name": "raw"}, "orbit": {"radius_m": 50.0, "speed_m_s": 5.0}, "law": {"name": "hashemi2013"}}

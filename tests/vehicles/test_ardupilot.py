@@ -312,3 +312,22 @@ def test_guided_on_the_ground_is_not_taken():
     rig.run(3.0)
     assert rig.setpoints() == []
     assert rig.phase == "ready"
+
+
+@KINDS
+@pytest.mark.parametrize(("out_s", "held"), [(1.0, True), (2.2, True), (3.2, False)])
+def test_an_outage_longer_than_it_holds_a_setpoint_ends_the_flight(kind, out_s, held, monkeypatch):
+    """3 s by GUID_TIMEOUT (fixed on a plane): until then it flies on the last one, and stays in Guided after it.
+
+    Released as silent for 3.5 s where the last HEARTBEAT was one second old when the link went."""
+    rig = Rig(kind).engage().run(5.0)
+    take, began_s = rig.vehicle.take, rig.vehicle.now_s
+    with monkeypatch.context() as cut:
+        cut.setattr(rig.vehicle, "receive", lambda data: None)
+        cut.setattr(rig.vehicle, "take", lambda: take()[:0])
+        rig.run(out_s)
+    assert rig.setpoints()[-1][0] == pytest.approx(began_s + min(1.5, out_s), abs=0.05)
+    back_s = rig.vehicle.now_s
+    rig.run(3.0)
+    assert bool(rig.setpoints(back_s + 0.01)) is held
+    assert rig.ticks[-1].control == ("held" if held else "released")

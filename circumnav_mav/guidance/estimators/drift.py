@@ -22,10 +22,22 @@ from circumnav_mav.guidance.estimators.drift_gaussian import (
     use_range,
     use_rate,
 )
-from circumnav_mav.guidance.estimators.gate import refuse, remember
-from circumnav_mav.guidance.estimators.ring import LIKELY, TWIN, best_of, judged, lead, merge, prune, smoothed, unflown
+from circumnav_mav.guidance.estimators.gate import compared, refuse, remember, restarted, shelved
+from circumnav_mav.guidance.estimators.ring import (
+    LIKELY,
+    NEVER,
+    TWIN,
+    best_of,
+    judged,
+    lead,
+    merge,
+    prune,
+    smoothed,
+    unflown,
+)
 from circumnav_mav.guidance.kernel import (
     RESTARTED,
+    RETURNED,
     Estimate,
     Estimator,
     EstimatorContext,
@@ -143,15 +155,41 @@ def fittest(bank: list[Drift], best: int, par: Parameters) -> int:
 
 
 def observe(bank: list[Drift], mem: Memory, m: Moved, z: Reading, par: Parameters) -> Memory:
-    """Carry the bank to the reading, judge it and use it."""
+    """Carry the bank to the reading, judge it and use it; take a shelved belief back when the ranges are at it again."""
+    if isnan(mem.shelf_s):
+        return follow(bank, mem, m, z, par)
+    h = bank.pop()
+    after = follow(bank, mem, m, z, par)
+    if isnan(m.psi) or not isnan(after.shelf_s):  # nothing to carry it by; or a newer one is on the shelf
+        return after
+    dx, dy = displacement(m)
+    h = predict(h, dx, dy, m.dt, par)
+    sigma_r = par.sigma_r if isnan(z.sigma_r) else z.sigma_r
+    used, nis = use_range(h, z.r, sigma_r * sigma_r, par.gate)
+    after = compared(after, mem, m.dt, z.r - hypot(h.px, h.py), nis, par.gate, 2.0 * par.gate * sigma_r)
+    if after.verdict == RETURNED:
+        bank.clear()
+        bank.append(again(used, used.stir, 0.0))
+    elif not isnan(after.shelf_s):
+        bank.append(h)
+    return after
+
+
+def displacement(m: Moved) -> tuple[float, float]:
+    """Return the reckoned displacement east and north, m."""
+    psi = m.psi - m.turn
+    c, s = cos(psi), sin(psi)
+    return m.ahead * c - m.left * s, m.ahead * s + m.left * c
+
+
+def follow(bank: list[Drift], mem: Memory, m: Moved, z: Reading, par: Parameters) -> Memory:
+    """Carry the bank, nothing on the shelf, to the reading, judge it and use it."""
     sigma_r = par.sigma_r if isnan(z.sigma_r) else z.sigma_r
     variance = sigma_r * sigma_r
     if len(bank) == 0 or isnan(m.psi):  # without a heading, a displacement has no direction
         seed(bank, z, par, variance, 0.0)
         return remember(mem, m.dt, nan, 0.0 if isnan(m.psi) else 1.0, 1.0)
-    psi = m.psi - m.turn
-    c, s = cos(psi), sin(psi)
-    dx, dy = m.ahead * c - m.left * s, m.ahead * s + m.left * c
+    dx, dy = displacement(m)
     for i in range(len(bank)):
         bank[i] = predict(bank[i], dx, dy, m.dt, par)
     split(bank)
@@ -165,7 +203,11 @@ def observe(bank: list[Drift], mem: Memory, m: Moved, z: Reading, par: Parameter
     if least > par.gate**2:
         mem = refuse(mem, z.r, m.dt, 2.0 * par.V, 2.0 * par.gate * sigma_r, error)
         if mem.verdict == RESTARTED:
-            seed(bank, z, par, variance, atan2(bank[0].py, bank[0].px))
+            falls, settled = bank[0], len(bank) <= 2 * len(STIRS)
+            seed(bank, z, par, variance, atan2(falls.py, falls.px))
+            if settled:
+                bank.append(again(falls, falls.stir, NEVER))
+                return shelved(mem, 0.0, 0.0)
         return mem
     for i in range(len(bank)):
         bank[i] = used[i] if isnan(z.r_dot) else use_rate(used[i], z.r_dot, m, par.sigma_r_dot**2, par.gate)
@@ -182,16 +224,14 @@ def observe(bank: list[Drift], mem: Memory, m: Moved, z: Reading, par: Parameter
     alarm = smoothed(mem.alarm, min(leader, par.gate**2))
     if alarm > par.alarm or fit < 0:
         seed_again(bank, mem, m, z, par, variance)
-        return Memory(mem.known, RESTARTED, leader, 1.0, nan, 0.0, 0.0, nan)
+        return restarted(mem, leader, 1.0)
     return remember(mem, m.dt, leader, 1.0, alarm, error)
 
 
 def carry(bank: list[Drift], mem: Memory, m: Moved, par: Parameters) -> Estimate:
     """Return the leading hypothesis after a motion."""
     h = bank[0]
-    psi = m.psi - m.turn
-    c, s = cos(psi), sin(psi)
-    dx, dy = m.ahead * c - m.left * s, m.ahead * s + m.left * c
+    dx, dy = displacement(m)
     V = (1.0 + h.s) * m.V
     px, py = h.px - (1.0 + h.s) * dx - h.wx * m.dt, h.py - (1.0 + h.s) * dy - h.wy * m.dt
     r = hypot(px, py)

@@ -6,7 +6,7 @@ a late sample is put where it belongs, a dropout costs nothing, and an estimate 
 
 from __future__ import annotations
 
-from math import exp, isnan, nan, sqrt
+from math import exp, isnan, log, nan, sqrt
 from typing import Any
 
 from circumnav_mav.guidance.estimators.noise import NoiseMeter
@@ -14,6 +14,7 @@ from circumnav_mav.guidance.kernel import (
     NAN,
     OUTLIER,
     RESTARTED,
+    RETURNED,
     Estimate,
     Estimator,
     Memory,
@@ -51,6 +52,7 @@ class FlyingEstimator:
         self._anchor: Place | None = None  # where the bank stands
         self.noise = NoiseMeter()
         self.restarts = 0  # times the readings outvoted the belief since the reset
+        self.returns = 0  # times they came back to one that they had outvoted: an echo had won
 
     def advance(self, now_s: float, motion: Motion) -> None:
         """Take in what was flown since the last call: every control tick, before `at`."""
@@ -77,6 +79,9 @@ class FlyingEstimator:
             return Rejected(sample.t_s, "outlier", f"{sample.range_m:.1f} m does not fit the ranges before it")
         if self._mem.verdict == RESTARTED:
             self.restarts += 1
+            self.noise.restart()
+        if self._mem.verdict == RETURNED:
+            self.returns += 1
             self.noise.restart()
         return None
 
@@ -116,6 +121,17 @@ class FlyingEstimator:
         the range itself did); 1 unless they surely are.
         """
         return self.noise.times if self.noise.surely else 1.0
+
+    def evidence(self) -> float:
+        """Return the log of the likelihood of the readings used since the bank began, up to a constant; NaN before.
+
+        It is comparable between two estimators of one kind that were given the same readings.
+        """
+        weights: list[float] = [h.log_weight for h in self._bank]
+        if not weights or self._anchor is None:
+            return nan
+        most = max(weights)
+        return most + log(sum(exp(weight - most) for weight in weights))
 
     def consistency(self) -> float:
         """Return the normalised innovation squared of the last range that was used: 1 on average when all is well."""

@@ -12,8 +12,9 @@ from collections.abc import Mapping
 from math import atan2, cos, hypot, isnan, log, nan, pi, sin
 from typing import NamedTuple
 
-from circumnav_mav.guidance.estimators.gate import refuse, remember
+from circumnav_mav.guidance.estimators.gate import compared, refuse, remember, restarted, shelved
 from circumnav_mav.guidance.estimators.ring import (
+    NEVER,
     TWIN,
     best_of,
     judged,
@@ -26,6 +27,7 @@ from circumnav_mav.guidance.estimators.ring import (
 )
 from circumnav_mav.guidance.kernel import (
     RESTARTED,
+    RETURNED,
     Estimate,
     Estimator,
     EstimatorContext,
@@ -145,7 +147,27 @@ def same(h: Polar, best: Polar) -> bool:
 
 
 def observe(bank: list[Polar], mem: Memory, m: Moved, z: Reading, par: Parameters) -> Memory:
-    """Carry the bank to the reading, judge it and use it."""
+    """Carry the bank to the reading, judge it and use it; take a shelved belief back when the ranges are at it again."""
+    if isnan(mem.shelf_s):
+        return follow(bank, mem, m, z, par)
+    h = bank.pop()
+    after = follow(bank, mem, m, z, par)
+    if not isnan(after.shelf_s):  # a newer one is on the shelf
+        return after
+    h = predict(h, m, par)
+    sigma_r = par.sigma_r if isnan(z.sigma_r) else z.sigma_r
+    used, nis = use_range(h, z.r, sigma_r * sigma_r, par.gate)
+    after = compared(after, mem, m.dt, z.r - h.r, nis, par.gate, 2.0 * par.gate * sigma_r)
+    if after.verdict == RETURNED:
+        bank.clear()
+        bank.append(again(used, used.stir, 0.0))
+    elif not isnan(after.shelf_s):
+        bank.append(h)
+    return after
+
+
+def follow(bank: list[Polar], mem: Memory, m: Moved, z: Reading, par: Parameters) -> Memory:
+    """Carry the bank, nothing on the shelf, to the reading, judge it and use it."""
     sigma_r = par.sigma_r if isnan(z.sigma_r) else z.sigma_r
     variance = sigma_r * sigma_r
     if len(bank) == 0:
@@ -162,7 +184,11 @@ def observe(bank: list[Polar], mem: Memory, m: Moved, z: Reading, par: Parameter
     if least > par.gate**2:
         mem = refuse(mem, z.r, m.dt, 2.0 * par.V, 2.0 * par.gate * sigma_r, error)
         if mem.verdict == RESTARTED:
+            falls, settled = bank[0], len(bank) <= 2 * len(STIRS)
             seed(bank, z, par, variance)
+            if settled:
+                bank.append(again(falls, falls.stir, NEVER))
+                return shelved(mem, 0.0, 0.0)
         return mem
     rated = not isnan(z.r_dot)
     for i in range(len(bank)):
@@ -178,7 +204,7 @@ def observe(bank: list[Polar], mem: Memory, m: Moved, z: Reading, par: Parameter
     alarm = smoothed(mem.alarm, min(leader, par.gate**2))
     if alarm > par.alarm:
         seed(bank, z, par, variance)
-        return Memory(mem.known, RESTARTED, leader, 1.0, nan, 0.0, 0.0, nan)
+        return restarted(mem, leader, 1.0)
     known = 1.0 if bank[0].ptt < 0.25 else mem.known
     return remember(mem, m.dt, leader, known, alarm, error)
 

@@ -23,6 +23,9 @@ CHANGE = 1.0
 TWIN = 3.0
 """A kind of air that was given up starts again from the leader, this much less likely (natural logarithm)."""
 
+NEVER = -1e300
+"""The weight (natural logarithm) of a hypothesis on the shelf: it stands in the bank and has no say."""
+
 ALARM_SHARE = 0.04
 """Weight of one reading in the smoothed normalised innovation: the alarm remembers about 25 readings."""
 

@@ -31,8 +31,11 @@ PAPER: Defaults = {"law": {"name": "hashemi2013"}, "estimator": {"name": "direct
 IN_WIND: Defaults = {"law": {"name": "tangent"}, "estimator": {"name": "drift"}}
 """For what flies at an airspeed: in wind of a third of it every law on range and range rate alone loses flights."""
 
+HIGH: Defaults = {**IN_WIND, "ranging": {"target_height_m": "auto"}}
+"""A plane circles about as high as its circle is wide, where a slant range is anything but a horizontal one."""
+
 SMALL_PLANE: Defaults = {
-    **IN_WIND,
+    **HIGH,
     "orbit": {"radius_m": 80.0, "speed_m_s": 12.0},
     "limits": {"turn_accel_rad_s2": 0.5},  # the bank changes by 35 deg/s at most, half of PX4's FW_R_RMAX
 }
@@ -117,6 +120,7 @@ class VehicleClass:
     lateral_m_s2: float = inf  # acceleration across the course that the autopilot gives at most
     attitude: bool = False  # flies by attitude: takes vehicle.pitch_deg and vehicle.thrust
     wants_pitch: bool = False  # cannot fly without vehicle.pitch_deg
+    hands_over: bool = True  # can ask for Hold, Return and Land: they need a position
 
     def turn_rate_limit(self, turn_rate_rad_s: float, bank_rad: float, speed_m_s: float) -> float:
         """Return the turn rate [rad/s] that limits, bank and lateral acceleration all allow at a speed."""
