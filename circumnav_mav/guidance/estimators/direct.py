@@ -154,9 +154,8 @@ def follow(bank: list[Side], mem: Memory, m: Moved, z: Reading, par: Parameters)
     h = bank[best_of(bank)]
     error = z.r - h.r
     nis = error * error / (h.prr + variance)
-    noise = error * sigma_r / sqrt(h.prr + variance)  # the part of it that is the reading's: the filter follows noise
     if nis > par.gate**2:
-        mem = refuse(mem, z.r, m.dt, 2.0 * par.V, 2.0 * par.gate * sigma_r, noise)
+        mem = refuse(mem, z.r, m.dt, 2.0 * par.V, 2.0 * par.gate * sigma_r, error)
         if mem.verdict == RESTARTED:
             seed(bank, z, par, variance)
             bank.append(h)
@@ -168,7 +167,7 @@ def follow(bank: list[Side], mem: Memory, m: Moved, z: Reading, par: Parameters)
             bank[i] = correct(bank[i], z.r_dot - bank[i].r_dot, 0.0, 1.0, par.sigma_r_dot**2)
     settle(bank)
     known = 1.0 if bank[best_of(bank)].pvv < (0.4 * par.V) ** 2 else mem.known
-    return remember(mem, m.dt, nis, known, 0.0, noise)
+    return remember(mem, m.dt, nis, known, 0.0, error)
 
 
 def carry(bank: list[Side], mem: Memory, m: Moved, par: Parameters) -> Estimate:

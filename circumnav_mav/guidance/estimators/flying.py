@@ -6,7 +6,7 @@ a late sample is put where it belongs, a dropout costs nothing, and an estimate 
 
 from __future__ import annotations
 
-from math import exp, isnan, log, nan, sqrt
+from math import copysign, exp, isnan, log, nan, sqrt
 from typing import Any
 
 from circumnav_mav.guidance.estimators.noise import NoiseMeter
@@ -74,7 +74,7 @@ class FlyingEstimator:
         reading = Reading(sample.range_m, sample.range_rate_m_s, self.noise.sigma(sample.sigma_m))
         self._mem = self._kernels.observe(self._bank, self._mem, moved, reading, self._par)
         self._anchor = place
-        self.noise.add(self._mem.error, sample.sigma_m)
+        self.noise.add(_own_noise(self._mem, reading.sigma_r), sample.sigma_m)
         if self._mem.verdict == OUTLIER:
             return Rejected(sample.t_s, "outlier", f"{sample.range_m:.1f} m does not fit the ranges before it")
         if self._mem.verdict == RESTARTED:
@@ -140,3 +140,13 @@ class FlyingEstimator:
     def sample_time_s(self) -> float:
         """Return the time of the last sample that arrived, used or refused; NaN before the first."""
         return nan if self._anchor is None else self._anchor.t_s
+
+
+def _own_noise(mem: Memory, sigma_m: float) -> float:
+    """Return what of the last innovation is the reading's own noise, m, if that has `sigma_m`.
+
+    A filter that is quick (in hover: the vehicle may speed up any moment) follows the noise, and is missed by more.
+    """
+    if mem.verdict == OUTLIER or isnan(mem.nis) or isnan(mem.error):
+        return mem.error
+    return copysign(sigma_m * sqrt(mem.nis), mem.error)
