@@ -230,3 +230,8 @@ def test_a_calibration_without_a_range_says_so_in_one_line_and_writes_nothing(tm
     assert f"no range could be used: nothing is written to {file}" in done.output
     assert "nan" not in done.output and "calibrated" not in done.output
     assert Path(file).read_text() == text
+
+
+def test_check_shows_what_the_estimator_needs(tmp_path):
+    done = run("check", written(tmp_path, PLANE))
+    assert "estimator  drift: needs heading, range, speed, turn rate; px4_fixed_wing has them" in done.output
