@@ -292,7 +292,7 @@ ESTIMATOR = Estimator(
     places=places,
     parameters=parameters,
     options=OPTIONS,
-    needs=frozenset({"range", "speed", "turn_rate", "heading", "airspeed"}),
+    needs=frozenset({"range", "speed", "turn_rate", "heading"}),
     gives=frozenset({"r", "r_dot", "V", "u", "theta", "psi", "px", "py", "wx", "wy"}),
     source="ring of extended Kalman filters",
 )
