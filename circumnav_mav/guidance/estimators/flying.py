@@ -50,7 +50,7 @@ class FlyingEstimator:
         self._trail = Trail(TRAIL_S, self._speed_m_s)
         self._anchor: Place | None = None  # where the bank stands
         self.noise = NoiseMeter()
-        self._expected_m = nan  # sigma of the last sample, as it came
+        self._expected_m = nan  # sigma of the last sample that was used, as it came
         self.restarts = 0  # times the readings outvoted the belief since the reset
 
     def advance(self, now_s: float, motion: Motion) -> None:
@@ -70,13 +70,13 @@ class FlyingEstimator:
             moved = self._trail.between(self._anchor, place, motion)
         else:
             return Rejected(sample.t_s, "out_of_order", "a later range was used before it")
-        self._expected_m = sample.sigma_m
         reading = Reading(sample.range_m, sample.range_rate_m_s, self.noise.sigma(sample.sigma_m))
         self._mem = self._kernels.observe(self._bank, self._mem, moved, reading, self._par)
         self._anchor = place
         self.noise.add(self._mem.error)
-        if self._mem.verdict == OUTLIER:
+        if self._mem.verdict == OUTLIER:  # levelled by its own length, a slant one claims a sigma that is wrong, too
             return Rejected(sample.t_s, "outlier", f"{sample.range_m:.1f} m does not fit the ranges before it")
+        self._expected_m = sample.sigma_m
         if self._mem.verdict == RESTARTED:
             self.restarts += 1
             self.noise.restart()
