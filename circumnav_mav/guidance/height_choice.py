@@ -39,6 +39,9 @@ SWITCH = 8.0
 """The sum from which the other one is flown on."""
 DROP = 30.0
 """The sum from which one of the two is beyond doubt, and the most that is kept."""
+AGAIN = 20.0
+"""What stays of the sum when the one that was beyond doubt starts again: a beacon that moved, and a run of echoes that
+agree, make it do so more often than a wrong choice does."""
 HEIGHT_SIGMAS, HEIGHT_ERROR_M = 4.0, 5.0
 """A slant range is no shorter than the height less so many of its sigmas and the error of a barometer."""
 
@@ -114,7 +117,7 @@ class HeightChoice:
             self._tried[other] = self._build()
             use(self._tried[other], readings[other], motion)
             self._before = {self.taken: self._tried[self.taken].restarts, other: 0}
-            self.for_level = SWITCH if self.taken == LEVEL else -SWITCH
+            self.for_level = AGAIN if self.taken == LEVEL else -AGAIN
             self._news.append(
                 f"ranges taken as {self.taken} no longer fit the flight: horizontal and slant are both tried again"
             )

@@ -49,8 +49,7 @@ class FlyingEstimator:
         self._mem = Memory()
         self._trail = Trail(TRAIL_S, self._speed_m_s)
         self._anchor: Place | None = None  # where the bank stands
-        self.noise = NoiseMeter()
-        self._expected_m = nan  # sigma of the last sample that was used, as it came
+        self.noise = NoiseMeter()  # in units of what each sample says: a levelled slant range says more near overhead
         self.restarts = 0  # times the readings outvoted the belief since the reset
 
     def advance(self, now_s: float, motion: Motion) -> None:
@@ -70,13 +69,12 @@ class FlyingEstimator:
             moved = self._trail.between(self._anchor, place, motion)
         else:
             return Rejected(sample.t_s, "out_of_order", "a later range was used before it")
-        reading = Reading(sample.range_m, sample.range_rate_m_s, self.noise.sigma(sample.sigma_m))
+        reading = Reading(sample.range_m, sample.range_rate_m_s, sample.sigma_m * self.noise.sigma(1.0))
         self._mem = self._kernels.observe(self._bank, self._mem, moved, reading, self._par)
         self._anchor = place
-        self.noise.add(self._mem.error)
-        if self._mem.verdict == OUTLIER:  # levelled by its own length, a slant one claims a sigma that is wrong, too
+        self.noise.add(self._mem.error / sample.sigma_m)
+        if self._mem.verdict == OUTLIER:
             return Rejected(sample.t_s, "outlier", f"{sample.range_m:.1f} m does not fit the ranges before it")
-        self._expected_m = sample.sigma_m
         if self._mem.verdict == RESTARTED:
             self.restarts += 1
             self.noise.restart()
@@ -114,10 +112,8 @@ class FlyingEstimator:
         return nan if isnan(variance) else sqrt(max(0.0, variance))
 
     def times_noisier(self) -> float:
-        """Return how many times noisier the ranges are than their samples say (a levelled slant range says more than
-        the range itself did); 1 unless they clearly are.
-        """
-        return self.noise.sigma_m / self._expected_m if self.noise.noisier(self._expected_m) else 1.0
+        """Return how many times noisier the ranges are than their samples say; 1 unless they clearly are."""
+        return self.noise.sigma_m if self.noise.noisier(1.0) else 1.0
 
     def evidence(self) -> float:
         """Return the log of the likelihood of the readings used since the bank began, up to a constant; NaN before.
