@@ -110,7 +110,7 @@ class Ranging(Section):
 
     source: Annotated[str, _one_of("ranging source", SOURCES)] = "distance_sensor"
     endpoint: RangingEndpoint | None = None
-    sender: tuple[Annotated[Whole, Field(ge=1, le=255)], Annotated[Whole, Field(ge=1, le=255)]] | None = Field(
+    sender: tuple[Annotated[Whole, Field(ge=1, le=255)], Annotated[Whole, Field(ge=0, le=255)]] | None = Field(
         None, alias="from"
     )
     sensor_id: Whole | None = Field(None, ge=0, le=255)
@@ -187,7 +187,7 @@ class Safety(Section):
 
     flight_time_s: Positive | None = None
     laps: Positive | None = None
-    on_used_up: Literal["hold", "return", "land"] = "hold"
+    on_used_up: Literal["hold", "stop", "return", "land"] = "hold"
     battery_pct: Annotated[Finite, Field(ge=0, le=100)] = 20.0
     on_battery_low: Action = "return"
     height_lost_s: Positive = 3.0
@@ -258,6 +258,7 @@ class Config(Section):
             V=self.orbit.speed_m_s,
             turn_rate_limit=self.turn_rate_limit_rad_s,
             turn_lag_s=self.vehicle_class.turn_lag_s,
+            r_min=nan if self.orbit.r_min_m is None else self.orbit.r_min_m,
         )
 
     @property

@@ -47,6 +47,7 @@ SILENT = frozenset({Phase.RELEASED, Phase.FINISHED})
 """Phases in which nothing leaves that is no answer and no news: the aircraft is somebody else's."""
 TEXT_SEVERITY = {Phase.RELEASED: WARNING, Phase.RANGE_LOST: WARNING, Phase.BROKEN_OFF: WARNING}
 """MAV_SEVERITY of what a phase says; INFO for the others."""
+NO_SETPOINT = "no setpoint before a fresh mode message"
 UNFIT_TOLD_AFTER_S = 4.0
 """Streams take a moment to begin after they are asked for."""
 
@@ -167,14 +168,22 @@ class Flight:
     def resume(self, now_s: float, take_in: Callable[[], float]) -> float:
         """Begin a tick: after a gap, `take_in` all that waits in the links, and believe no mode message older than now.
 
-        take_in returns the time when it is done. Return the time to tick at. To be called before every `tick`.
+        A gap is a loop that was held up, and an autopilot that was not heard: setpoints that leave meanwhile may not
+        arrive, and one that does after its failsafe has begun would take the aircraft back. take_in returns the time
+        when it is done. Return the time to tick at. To be called before every `tick`.
         """
-        if not self.was_away(now_s):
+        away = self.was_away(now_s)
+        if not away and not self.link.fell_silent(now_s):
             return now_s
         now_s = take_in()
         self.was_stopped = False
-        self.notices.say(now_s, "the loop was held up: no setpoint before a fresh mode message", WARNING)
-        self._frames += self.link.after_gap(now_s)
+        if away:
+            self.notices.say(now_s, f"the loop was held up: {NO_SETPOINT}", WARNING)
+            self._frames += self.link.after_gap(now_s)
+        elif self.link.fell_silent(now_s):
+            silent_s = self.link.authority.loss_timeout_s / 2
+            self.notices.say(now_s, f"nothing came from the autopilot for {silent_s:g} s: {NO_SETPOINT}", WARNING)
+            self._frames += self.link.after_silence(now_s)
         return now_s
 
     def tick(self, now_s: float, lateness_s: float = 0.0, missed_ticks: int = 0) -> tuple[list[bytes], TickRecord]:
@@ -245,10 +254,13 @@ class Flight:
         if (trip_now := self.lookout.trip) is not None and trip_now.ends:
             self.end(trip_now.text, trip_now.action)
 
-    def end(self, reason: str, action: str = "hold") -> None:
-        """Ask for a polite end: hand over to that action (hold, return, land), then silence."""
+    def end(self, reason: str, action: str = "") -> None:
+        """Ask for a polite end: hand over to that action (hold, return, land), then silence.
+
+        Without one: Hold, or silence alone where the vehicle class cannot have it.
+        """
         if not self.end_reason:
-            self.end_reason, self._end_action = reason, action
+            self.end_reason, self._end_action = reason, action or ("hold" if self._vehicle.hands_over else "stop")
 
     @property
     def done(self) -> bool:
@@ -297,7 +309,8 @@ class Flight:
     def _why(self) -> str:
         if self.end_reason:
             return self.end_reason
-        return self.lookout.trip.text if self.lookout.trip else self.link.authority.reason
+        held = self.link.authority.control in (Control.HELD, Control.GIVING_BACK)
+        return self.lookout.trip.text if self.lookout.trip and held else self.link.authority.reason
 
     def _judge(self, now_s: float) -> None:
         """Look whether the autopilot is the one for this vehicle class; say when a pilot may engage."""

@@ -17,7 +17,7 @@ from circumnav_mav.mavlink.dialect import by_name, enums
 from circumnav_mav.mavlink.link import AutopilotLink
 from circumnav_mav.mavlink.signing import Signer
 from circumnav_mav.mavlink.vehicles import VEHICLES
-from circumnav_mav.mavlink.vehicles.fitness import Fitness, described
+from circumnav_mav.mavlink.vehicles.fitness import Fitness, Unfit, described
 from circumnav_mav.range_feed import RangeFeed
 from circumnav_mav.settings_check import Finding, Severity, facts, judged
 from circumnav_mav.settings_table import TABLES, asked
@@ -42,6 +42,7 @@ class Audit:
         words = replace(vehicle.words, parameters=asked(vehicle.name))
         subscribed = () if self.ranges.own_link else self.ranges.messages
         self.link = AutopilotLink(subscribed, vehicle.messages_hz, words, signer, system_id=config.vehicle.system_id)
+        self.link.authority.needs_air = vehicle.airframe != "rover"
         self._fitness = Fitness(vehicle, VEHICLES.values())
         self._counts: Counter[int] = Counter()
         self._sticks = False
@@ -78,11 +79,13 @@ class Audit:
         if self.link.autopilot.sysid is None:
             found = [self._nobody(), *self._range(now_s)]
         else:
+            unfit = self._fitness.unfit(self.link.autopilot, now_s)
+            other_vehicle = unfit is not None and unfit.final
             found = [
-                *self._vehicle_rows(now_s),
+                *self._vehicle_rows(now_s, unfit),
                 *self._streams(now_s),
                 *self._range(now_s),
-                *self._settings(),
+                *([] if other_vehicle else self._settings()),  # which belong to another autopilot, or airframe
                 *self._pilot(),
                 *self._battery(),
             ]
@@ -108,9 +111,8 @@ class Audit:
             return Finding(Severity.ERROR, "autopilot", "bytes come that are not MAVLink", f"baud rate? {fix}")
         return Finding(Severity.ERROR, "autopilot", "nothing is heard", fix)
 
-    def _vehicle_rows(self, now_s: float) -> Iterator[Finding]:
+    def _vehicle_rows(self, now_s: float, unfit: Unfit | None) -> Iterator[Finding]:
         ap, authority = self.link.autopilot, self.link.authority
-        unfit = self._fitness.unfit(ap, now_s)
         who = f"system {ap.sysid}, {described(ap.kind, ap.vehicle_type)}"
         if unfit is not None:
             yield Finding(Severity.ERROR, "vehicle", unfit.text)
@@ -129,7 +131,14 @@ class Audit:
             yield Finding(Severity.ERROR, "ids", rival)
         mode = f"{self.link.words.name(ap.custom_mode or 0)}, {'armed' if ap.armed else 'disarmed'}"
         why_not = "" if rival else authority.why_not(now_s)
-        yield Finding(Severity.WARNING if why_not else Severity.OK, "mode", f"{mode}; {why_not}" if why_not else mode)
+        if why_not and authority.waits_for_take_off:  # as it should be, where this is asked
+            auto = self._config.engage == "auto"
+            text = "stands ready to take off" if auto else "on the ground: take off before you engage"
+            yield Finding(Severity.OK, "mode", f"{mode}; {text}")
+        elif why_not:
+            yield Finding(Severity.WARNING, "mode", f"{mode}; {why_not}")
+        else:
+            yield Finding(Severity.OK, "mode", mode)
         sensors = ap.sensors
         # PX4 sets the health bit alone; ArduPilot calls the check present, too.
         tells = sensors is not None and (ap.kind == enums.MAV_AUTOPILOT_PX4 or sensors[0] & PREARM_CHECK)

@@ -72,7 +72,7 @@ TABLE: tuple[Row, ...] = (
         Phase.BROKEN_OFF,
         "{why}",
     ),
-    Row(_in(Phase.BROKEN_OFF), lambda f: not f.held, Phase.WAITING_RANGE, "handed over"),
+    Row(_in(Phase.BROKEN_OFF), lambda f: not f.held, Phase.WAITING_RANGE, "{why}"),
     Row(
         _in(Phase.WAITING_RANGE, Phase.READY),
         lambda f: f.held and not f.handing_over and not f.fresh,

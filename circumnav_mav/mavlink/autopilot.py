@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 from circumnav_mav.mavlink.codec import Message
 from circumnav_mav.mavlink.dialect import enums
 from circumnav_mav.mavlink.height import Height
+from circumnav_mav.mavlink.order import Order
 
 AUTOPILOT_COMPONENT = 1
 ARMED = 0x80
@@ -26,8 +27,6 @@ REBOOT_JUMP_MS = 5000
 BATTERY_LOW = range(2, 7)
 """MAV_BATTERY_CHARGE_STATE: LOW, CRITICAL, EMERGENCY, FAILED, UNHEALTHY."""
 MODE_MESSAGES = ("HEARTBEAT", "CURRENT_MODE")
-OVERTAKEN_WITHIN_S = 0.6
-"""Sequence numbers go round every 256 frames (0.6 s at PX4's 400 msg/s): older comparisons mean nothing."""
 SPEED_TIME_CONSTANT_S = 1.0
 """Low-pass on the ground speed: short beside a lap, long beside the velocity loop's noise."""
 VELOCITY_FLAG, POSITION_FLAGS, STANDS_STILL_FLAG = 0x02, 0x08 | 0x10, 0x80
@@ -105,7 +104,7 @@ class Autopilot:
         self.strangers: set[int] = set()
         """System ids of other autopilots on the link: heard and not believed."""
         self._boot_ms = 0
-        self._mode_seq = 0
+        self._order, self._mode_place = Order(), 0
         self._handlers: dict[str, Callable[[Any, float], None]] = {
             "HEARTBEAT": self._heartbeat,
             "CURRENT_MODE": self._current_mode,
@@ -134,17 +133,22 @@ class Autopilot:
         name, sysid, compid, seq, fields = message
         if compid != AUTOPILOT_COMPONENT or (sysid != self.sysid and not self._found(message)):
             return False
+        if name == "HEARTBEAT" and fields.autopilot == enums.MAV_AUTOPILOT_INVALID:
+            return False  # another program under the autopilot's ids: its mode is nobody's
         handler = self._handlers.get(name)
-        if handler is not None and not (name in MODE_MESSAGES and self._overtaken(seq, now_s)):
+        if handler is None:
+            return True
+        place = self._order.place(seq, now_s)
+        if not (name in MODE_MESSAGES and self._overtaken(place)):
             handler(fields, now_s)
             self.heard_s[name] = now_s
         return True
 
-    def _overtaken(self, seq: int, now_s: float) -> bool:
+    def _overtaken(self, place: int) -> bool:
         """Whether a mode message was sent before the newest one: a late old mode must not look like a new choice."""
-        if now_s - self.mode_s < OVERTAKEN_WITHIN_S and (seq - self._mode_seq) & 0xFF >= 0x80:
+        if place < self._mode_place:
             return True
-        self._mode_seq = seq
+        self._mode_place = place
         return False
 
     def _found(self, message: Message) -> bool:

@@ -76,6 +76,9 @@ class AutopilotLink:
         self.counts = self._splitter.counts
         self.autopilot_spoke = False
         """Whether the bytes taken in last held a message of the autopilot that is believed."""
+        self._heard_s = nan
+        """When one came last."""
+        self._silence_taken_in = False
         self._theirs_alone = frozenset(self.autopilot.messages) - set(subscribed)
         self._handlers: dict[str, Callable[[Any, float], None]] = {
             "HEARTBEAT": self._on_mode,
@@ -107,6 +110,7 @@ class AutopilotLink:
             name = message[0]
             if autopilot.on_message(message, now_s):
                 self.autopilot_spoke = True
+                self._heard_s, self._silence_taken_in = now_s, False
                 if autopilot.reboots != self._reboots:
                     self._reboots = autopilot.reboots
                     self.authority.lost("the autopilot has restarted")
@@ -233,6 +237,16 @@ class AutopilotLink:
         self.authority.await_answer(now_s)
         self._asked_s.clear()
         return self._ask_mode(now_s)
+
+    def fell_silent(self, now_s: float) -> bool:
+        """Return whether setpoints leave into a silence that `after_silence` has not been told of."""
+        return not self._silence_taken_in and self.authority.silent(now_s, self._heard_s)
+
+    def after_silence(self, now_s: float) -> list[bytes]:
+        """The autopilot fell silent: as after a gap, which began when it was last heard."""
+        self._silence_taken_in = True
+        self.authority.cut_off(self._heard_s)
+        return self.after_gap(now_s)
 
     def _ask_mode(self, now_s: float) -> list[bytes]:
         """Return a question whose answer dates what follows it, and a request for the message that shows the mode."""

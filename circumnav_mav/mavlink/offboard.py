@@ -21,9 +21,10 @@ Transitions on a mode message (state x what it shows -> state; RELEASED is latch
 
 Without a mode message, ASKED, HELD and GIVING_BACK become RELEASED when the autopilot has not been heard for
 SILENT_AFTER_S, when it has restarted, and when somebody else sends setpoints to it; HELD also when our last setpoint is
-so old that the next one could come after the autopilot's own failsafe, and would take the aircraft back. Somebody who
-merely speaks under our ids keeps us from engaging. RELEASED is left by a restart of the app, or by the operator's
-command (`open_latch`).
+so old that the next one could come after the autopilot's own failsafe, and would take the aircraft back. A setpoint
+that left after the autopilot was last heard counts as never sent once half the loss timeout has passed in silence
+(`cut_off`). Somebody who merely speaks under our ids keeps us from engaging. RELEASED is left by a restart of the app,
+or by the operator's command (`open_latch`).
 
 Mode requests: to enter OFFBOARD while ASKED; to leave it while GIVING_BACK and OFFBOARD is shown. No others.
 """
@@ -109,6 +110,8 @@ class Authority:
         """Whether OFFBOARD was asked for `ASKS` times in vain."""
         self._rival = ""
         self._rival_s = -inf
+        self._cut_off = False
+        """Whether no setpoint has left since the autopilot fell silent."""
         self._blind_since_s = -inf
         """Mode messages up to this time prove nothing."""
         self._sent_s = nan
@@ -143,7 +146,7 @@ class Authority:
         if seen is Seen.NOTHING:
             return False
         if self.control is Control.GIVING_BACK:
-            return self._give_back_mode is not None
+            return self._give_back_mode is not None and not self._too_late(now_s)
         if self.control is Control.HELD:
             return not self._too_late(now_s)
         if self._has_rival(now_s):
@@ -156,6 +159,11 @@ class Authority:
     def grounded(self) -> bool:
         """Whether it stands on the ground: who selects our mode there would have it dragged over the grass."""
         return self.needs_air and self._autopilot.in_air is False
+
+    @property
+    def waits_for_take_off(self) -> bool:
+        """Whether standing on the ground is all that keeps a pilot from engaging."""
+        return self.grounded and self.control is Control.NOT_HELD and self.seen() is Seen.SETTLED
 
     def why_not(self, now_s: float) -> str:
         """Return in words why no setpoint may leave now; empty where one may."""
@@ -188,7 +196,9 @@ class Authority:
                 f"pilot or ground station chose {self._mode()} while {self._words.ours_name} was asked for",
             )
         elif row := _ON_MODE.get((self.control, seen)):
-            self._to(row[0], row[1].format(mode=self._mode(), ours=self._words.ours_name))
+            stopped = self.control is Control.GIVING_BACK and self._give_back_mode is None
+            words = "streaming stopped, and the autopilot chose {mode}" if stopped else row[1]
+            self._to(row[0], words.format(mode=self._mode(), ours=self._words.ours_name))
         if seen is not Seen.NOTHING:
             self._was_elsewhere = seen is not Seen.OFFBOARD and seen is not Seen.OFFBOARD_DISARMED
 
@@ -237,6 +247,16 @@ class Authority:
         if self.control is Control.HELD and stays and silent_s > self.loss_timeout_s:
             self._to(Control.RELEASED, f"no setpoint for {silent_s:.1f} s: the autopilot has taken over")
 
+    def silent(self, now_s: float, heard_s: float) -> bool:
+        """Return whether setpoints have left for half the loss timeout with nothing coming back since `heard_s`."""
+        streams = self.control in WITH_AUTHORITY or self._sent_s > heard_s
+        return streams and now_s - heard_s > self.loss_timeout_s / 2
+
+    def cut_off(self, heard_s: float) -> None:
+        """The autopilot fell silent at `heard_s`: what has left since may never have arrived, and must not count."""
+        self._cut_off = True
+        self._sent_s = min(self._sent_s, heard_s)
+
     def await_answer(self, now_s: float) -> None:
         """The autopilot was asked something at `now_s`. Until it answers, a mode message that comes may have been under
         way since before the gap, and show what is no longer so; after UNDER_WAY_S none is taken to be.
@@ -252,8 +272,8 @@ class Authority:
 
     def _too_late(self, now_s: float) -> bool:
         """Whether a setpoint that left now could come after the autopilot took over, and take the aircraft back."""
-        silent_s = now_s - self._sent_s
-        return self._words.leaves_when_silent and silent_s + self._round_trip_s > self.loss_timeout_s
+        acts = self._words.leaves_when_silent or self._cut_off
+        return acts and now_s - self._sent_s + self._round_trip_s > self.loss_timeout_s
 
     def ready(self, now_s: float) -> None:
         """A pilot may engage at `now_s`: the beacon is heard, and nothing else flies. Called every tick while so."""
@@ -264,6 +284,7 @@ class Authority:
         """A setpoint left at `now_s`."""
         self._sent_s = now_s
         self._round_trip_s = 0.0
+        self._cut_off = False
 
     def ask(self, now_s: float) -> None:
         """Ask for OFFBOARD (engage auto). Only from NOT_HELD; the verdict comes from the mode messages."""
@@ -293,7 +314,8 @@ class Authority:
         if not self._autopilot.heard(now_s):
             self.lost(f"the autopilot was not heard for {SILENT_AFTER_S:g} s")
         elif self.control is Control.HELD and self._too_late(now_s):
-            self.lost(f"no setpoint for {now_s - self._sent_s:.1f} s: the autopilot takes over")
+            what = "nothing came from the autopilot" if self._cut_off else "no setpoint"
+            self.lost(f"{what} for {now_s - self._sent_s:.1f} s: the autopilot takes over")
         elif self.control is Control.ASKED:
             if self._primed(now_s, PRIMED_WITHIN_S) and now_s >= self._ask_next_s:
                 return self._ask(self._words.ours, now_s)

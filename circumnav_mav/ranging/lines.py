@@ -14,11 +14,12 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from circumnav_mav.ranging.framing import LineDecoder, not_understood
-from circumnav_mav.ranging.plug import NAN, ByteDecoder, ByteSource, Reading, finite, number
+from circumnav_mav.ranging.plug import FARTHEST_M, NAN, ByteDecoder, ByteSource, Reading, finite, number
 from circumnav_mav.ranging.units import LENGTH, SPEED, TIME
 from circumnav_mav.types import Rejected
 
 FIELDS = ("range", "rate", "sigma", "time", "beacon_id", "quality")
+CARRIED_AS = {"time": "stamp_s", "beacon_id": "beacon_id", "quality": "quality_pct"}
 
 Extract = Callable[[str], Mapping[str, Any] | None]
 
@@ -98,6 +99,12 @@ def _extractor(options: Mapping[str, Any]) -> Extract:
     return by_path
 
 
+def named(options: Mapping[str, Any]) -> frozenset[str]:
+    """Return the fields of a Reading that the pattern or the paths name, other than range, rate and sigma."""
+    names = re.compile(str(options["pattern"])).groupindex if "pattern" in options else options["json"]
+    return frozenset(CARRIED_AS[name] for name in names if name in CARRIED_AS)
+
+
 def _walk(document: Any, path: list[str]) -> Any:
     for step in path:
         if isinstance(document, dict):
@@ -136,8 +143,10 @@ SOURCE = ByteSource(
     summary="any device that sends lines: by a regular expression or JSON paths, with units",
     decoder=decoder,
     resolution_m=0.01,
-    has_beacon_id=True,
+    carries=frozenset({"beacon_id", "quality_pct", "stamp_s"}),
+    most_m=FARTHEST_M,
     has_rate=True,
+    named=named,
     options={
         "pattern": "regular expression with named groups: range, and if present rate, sigma, time, beacon_id, quality",
         "json": "the same fields as paths into one JSON object a line, such as {range: data.0.distance}",

@@ -49,7 +49,9 @@ class Options:
 
 @dataclass(slots=True)
 class Result:
-    """How a run ended. outcome: completed, released, range_lost, refused, no_autopilot, no_range, hung, stopped."""
+    """How a run ended. outcome: completed, released, range_lost, refused, no_autopilot, no_range, link_ended, hung,
+    stopped, not_engaged.
+    """
 
     outcome: str
     text: str
@@ -81,6 +83,7 @@ class App:
         self._drops_told = self._was_ready = False
         self._verdict: tuple[str, str] | None = None
         self._silenced = False
+        self._link_ended = ""
         self._limited = LimitedTicks()
         self._watchdog = Watchdog(self._silence)
         self._systemd = Notifier(os.environ)
@@ -147,6 +150,8 @@ class App:
             self.flight.link_back(link, now_s, words)
         else:
             self.flight.link_lost(link, now_s, words)
+            if link == VEHICLE and self._config.vehicle.library == "mavsdk":  # its process does not come back
+                self._link_ended = words
 
     def _tick(self, now_s: float, lateness_s: float, missed: int) -> bool:
         self._watchdog.beat()
@@ -201,7 +206,7 @@ class App:
     def _watch_drops(self, now_s: float) -> None:
         """Tell once that a line takes less than what is sent: what does not fit is dropped, not queued."""
         link = self._links[VEHICLE]
-        if link.send_errors >= MANY_DROPS and not self._drops_told:
+        if link.send_errors >= MANY_DROPS and not self._drops_told and not self._link_ended:
             self._drops_told = True
             slow = (
                 "raise its baud rate or lower loop.rate_hz" if link.endpoint.kind == "serial" else "check the network"
@@ -212,6 +217,8 @@ class App:
         flight, options = self.flight, self._options
         if flight.problem:
             return "refused", flight.problem
+        if self._link_ended:
+            return "link_ended", f"{self._link_ended}; setpoints have stopped"
         if options.gone is not None and (why := options.gone()):
             return "no_autopilot", why
         if now_s >= self._end_by_s:

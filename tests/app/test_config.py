@@ -54,7 +54,7 @@ def test_every_fault_is_reported_at_once_with_its_line():
         ("vehicle: {link: 'udpout://:14580'}", "address"),
         ("vehicle: {class: boat}", "px4_multirotor"),
         ("ranging: {max_age_s: 0.01}", "stale"),
-        ("ranging: {from: [1, 1]}", "autopilot"),
+        ("vehicle: {system_id: 42}\nranging: {from: [42, 1]}", "autopilot that is flown"),
         ("ranging: {from: [300, 1]}", "255"),
         ("engage: auto", "height_m"),
         ("orbit: {direction: clockwize}", "did you mean 'clockwise'"),
@@ -162,3 +162,10 @@ def test_both_spellings_of_a_link_are_read(text, kind, host, port):
 def test_a_nose_that_is_not_down_does_not_fly_forward(pitch):
     with pytest.raises(ConfigError, match=r"vehicle\.pitch_deg: .* does not fly forward"):
         parse(f"vehicle: {{class: px4_multirotor_attitude, pitch_deg: {pitch}}}")
+
+
+@pytest.mark.parametrize("sender", [[42, 1], [255, 0], [1, 158]])
+def test_a_beacon_may_be_component_1_of_another_system_and_a_script_component_0(sender):
+    """0 is what pymavlink sends with where nothing is said."""
+    for vehicle in ("", "vehicle: {system_id: 7}\n"):
+        assert parse(f"{vehicle}ranging: {{from: {sender}}}").ranging.sender == tuple(sender)

@@ -237,6 +237,19 @@ def test_an_old_mode_that_arrives_late_is_not_a_new_choice():
     assert bench.control is Control.HELD
 
 
+@pytest.mark.parametrize("armed", [0, 0x80])
+def test_a_heartbeat_under_the_autopilots_ids_that_names_no_autopilot_is_not_believed(armed):
+    """A beacon's script that says it is 1/1: its mode 0 is no pilot's choice, and it does not keep a link alive."""
+    bench = Bench().held()
+    before_s = bench.autopilot.mode_s
+    beacon = by_name("HEARTBEAT").make((0, 18, 8, armed, 4, 3))
+    bench.now_s += 0.1
+    bench._message("HEARTBEAT", beacon)
+    bench.authority.on_mode(bench.now_s)
+    assert bench.control is Control.HELD
+    assert (bench.autopilot.custom_mode, bench.autopilot.mode_s, bench.autopilot.kind) == (OFFBOARD, before_s, 12)
+
+
 @pytest.mark.parametrize("sender", [(255, 190), (1, 191), (2, 1)])
 def test_nobody_but_the_autopilot_is_believed(sender):
     bench = Bench().held()

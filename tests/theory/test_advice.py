@@ -34,6 +34,27 @@ def test_check_refuses_a_circle_within_the_cone_overhead():
 
 
 @pytest.mark.parametrize(
+    ("band", "told"),
+    [
+        ({}, ""),
+        ({"r_min_m": 60.0}, ""),
+        ({"r_max_m": 120.0}, ""),
+        ({"r_min_m": 60.0, "r_max_m": 120.0}, ""),
+        ({"r_min_m": 68.0, "r_max_m": 120.0}, "raise orbit.r_max_m to 125 m"),
+        ({"radius_m": 50.0, "r_max_m": 60.0}, "raise orbit.r_max_m to 66 m"),
+    ],
+)
+def test_check_warns_of_a_band_too_narrow_to_turn_round_in(band, told):
+    """12 m/s at 30 degrees of bank turn on 25.4 m; counted on are 0.9 of that turn rate: 56.5 m across. The reaction is
+    0.2 s of lag and 0.94 s to build the turn up, the margin 3 x 0.3 m and a quarter of the way flown in it: 4.3 m.
+    """
+    orbit = {"radius_m": 80.0, "speed_m_s": 12.0} | band
+    found = check(vehicle={"class": "px4_fixed_wing"}, orbit=orbit, limits={"turn_accel_rad_s2": 0.5}).get("band")
+    assert (found.text.split("; ")[1].split(",")[0] if found else "") == told
+    assert found is None or (found.severity == "warning" and "56.5 m across" in found.text)
+
+
+@pytest.mark.parametrize(
     ("height_m", "severity", "flown"),
     [
         (14.0, "info", "at 14 m of height has a radius of 48.0 m instead of 50"),  # 14, 48, 50
@@ -77,3 +98,39 @@ def test_check_takes_a_circle_that_the_wind_makes_impossible_as_an_error():
     assert "bank" not in check(**plane, study={"wind_m_s": 3.0})  # (15 + 3)^2 / (g tan 30 deg) = 57.2 m
     found = check(**plane, study={"wind_m_s": 4.0})["bank"]  # 63.76 m
     assert found.severity == "error" and "holds no circle below 63.76 m downwind" in found.text
+
+
+def test_check_says_which_hand_overs_a_class_without_a_position_cannot_have():
+    alone = {"vehicle": {"class": "px4_multirotor_attitude", "pitch_deg": -4.4}}
+    asked = {"on_range_lost": "hold", "safety": {"on_battery_low": "return", "on_band_broken": "fly_on"}}
+
+    def told(**sections):
+        return [f.text for f in findings(Config.model_validate(sections)) if f.topic == "hand_over"]
+
+    assert told(**alone) == []
+    assert told(vehicle={"class": "px4_multirotor"}, **asked) == []
+    texts = told(**alone, **asked)
+    assert [text.split(":")[0] for text in texts] == ["on_range_lost", "safety.on_battery_low"]
+    assert all("needs a position" in text for text in texts)
+
+
+RAW = {"estimator": {"name": "raw"}, "orbit": {"radius_m": 50.0, "speed_m_s": 5.0}, "law": {"name": "hashemi2013"}}
+
+
+def test_check_reckons_with_the_rate_of_ranges_that_the_file_gives():
+    """kappa 3 at 50 m and 5 m/s: k V T = 1 at T = 3.3 s, and held ranges 2 s apart count 2 s (no rate is measured)."""
+    fast = check(**RAW, study={"range_rate_hz": 20.0}, ranging={"max_age_s": 4.0})["range_rate"]
+    slow = check(**RAW, study={"range_rate_hz": 0.25}, ranging={"max_age_s": 4.0})["range_rate"]
+    none = check(**RAW, ranging={"max_age_s": 4.0})["range_rate"]
+    assert fast.severity == "info" and "0.05 s apart (study.range_rate_hz)" in fast.text
+    assert slow.severity == "warning" and "4 s apart (study.range_rate_hz)" in slow.text
+    assert none.severity == "warning" and "4 s apart (ranging.max_age_s)" in none.text
+    direct = check(**RAW | {"estimator": {"name": "direct"}}, study={"range_rate_hz": 20.0})["range_rate"]
+    assert "one in 0.05 s" in direct.text
+
+
+def test_check_warns_of_ranges_that_are_stale_before_the_next():
+    assert "seldom" not in check(study={"range_rate_hz": 1.0})
+    found = check(study={"range_rate_hz": 0.8}, law={"name": "tangent"}, estimator={"name": "drift"})["seldom"]
+    assert found.severity == "warning" and "one range in 1.25 s (study.range_rate_hz)" in found.text
+    assert "seldom" not in check(study={"range_rate_hz": 0.8}, ranging={"max_age_s": 1.5})

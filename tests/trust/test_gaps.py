@@ -10,6 +10,7 @@ import pytest
 
 from circumnav_mav.runtime.stopped import on_continue
 from tests.lockstep import Rig, airborne, config
+from tests.trust.outage import outage, watch
 from tests.trust.rules import HOLD, OFFBOARD, engage, keep_the_rules, last_setpoint_s, mode_requests, texts
 from tests.trust.wires import bad
 
@@ -181,9 +182,9 @@ def test_a_restarted_autopilot_is_not_flown_on(silent_s, height_m):
     left_s = rig.now_s
     rig.reboot_vehicle(airborne(80.0, height_m=height_m, seed=9), silent_s=silent_s)
     rig.run(silent_s + 3.0)
-    assert last_setpoint_s(rig) <= left_s + silent_s + 0.5 if silent_s < 3.5 else left_s + 3.6
+    assert last_setpoint_s(rig) <= left_s + 1.1  # the stub answers a question of ours even while it boots
     assert rig.log.ticks[-1].control == "released"
-    assert "restarted" in rig.flight.link.authority.reason or "not heard" in rig.flight.link.authority.reason
+    assert ("restarted" if silent_s < 1.0 else "nothing came") in rig.flight.link.authority.reason
     assert mode_requests(rig) == []
     rig.pilot.mode(OFFBOARD)
     rig.run(3.0)
@@ -196,8 +197,8 @@ def test_an_autopilot_that_falls_silent_gets_nothing_and_keeps_its_freedom_when_
     rig.deaf = True
     rig.run(5.0)
     assert rig.log.ticks[-1].control == "released"
-    assert last_setpoint_s(rig) <= left_s + 3.6
-    assert "not heard" in rig.flight.link.authority.reason
+    assert last_setpoint_s(rig) <= left_s + 0.52
+    assert "nothing came from the autopilot" in rig.flight.link.authority.reason
     rig.deaf = False
     rig.run(10.0)
     assert rig.log.sent(left_s + 3.7) == []
@@ -232,3 +233,52 @@ def test_a_gap_before_the_engagement_on_a_slow_link_does_not_end_it(doubled):
     rig.run(10.0)
     assert rig.log.ticks[-1].control == "held", rig.flight.events
     assert rig.stub.truth().mode == "OFFBOARD"
+
+
+@pytest.mark.parametrize("out_s", [0.4, 0.9, 1.06, 1.14, 1.2, 2.0, 3.4, 4.0])
+@pytest.mark.parametrize("began_s", [0.0, 0.25])
+def test_a_link_that_is_out_both_ways_leaves_the_failsafe_to_the_autopilot(out_s, began_s, monkeypatch):
+    """Setpoints that leave into the void must not count, and the first that arrives again must not take it back."""
+    rig, taken_back = orbiting(COM_OBL_RC_ACT=5), watch(monkeypatch)
+    rig.run(began_s)
+    modes = outage(rig, out_s)
+    back_s = rig.now_s
+    for _ in range(250):
+        rig.step()
+        modes.append(rig.stub.truth().mode)
+    changes = [mode for i, mode in enumerate(modes) if i == 0 or modes[i - 1] != mode]
+    held = out_s < 1.0
+    assert changes == (["OFFBOARD"] if held else ["OFFBOARD", "AUTO/LOITER"])
+    assert rig.log.ticks[-1].control == ("held" if held else "released")
+    assert held or rig.setpoints(back_s) == []
+    assert taken_back == []
+    assert mode_requests(rig) == []
+    keep_the_rules(rig)
+
+
+def test_the_watch_sees_a_stream_that_takes_the_aircraft_back(monkeypatch):
+    rig, taken_back = orbiting(COM_OBL_RC_ACT=5), watch(monkeypatch)
+    monkeypatch.setattr(rig.flight.link, "fell_silent", lambda now_s: False)
+    outage(rig, 2.0)
+    rig.run(0.2)
+    assert len(taken_back) == 1
+
+
+def test_an_outage_after_the_pilot_engaged_unseen_takes_nothing_back(monkeypatch):
+    """The pilot selects Offboard as the link goes: PX4 has the stream of before, and its failsafe has begun."""
+    rig, taken_back = Rig(config(), airborne(80.0, seed=3, params={"COM_OBL_RC_ACT": 5})), watch(monkeypatch)
+    rig.run(5.0)
+    rig.pilot.mode(OFFBOARD)
+    outage(rig, 2.0)
+    rig.run(3.0)
+    assert rig.stub.truth().mode == "AUTO/LOITER"
+    assert taken_back == []
+
+
+@pytest.mark.parametrize("loss_s", [1.0, 0.6])
+def test_a_link_that_loses_every_third_frame_is_not_an_outage(loss_s):
+    world = airborne(80.0, seed=3, params={"COM_OBL_RC_ACT": 5, "COM_OF_LOSS_T": loss_s})
+    rig = engage(Rig(config(), world, bad(5, loss=0.3, delay_s=0.1, held_back=0.2)))
+    rig.run(60.0)
+    assert not any("nothing came" in event.text for event in rig.flight.events), rig.flight.events
+    assert rig.log.ticks[-1].control == "held"

@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import random
+import signal
 import socket
 import subprocess
 import sys
+import time
+from pathlib import Path
 
 import pytest
 
@@ -141,3 +145,25 @@ def test_a_child_that_cannot_connect_says_so_in_one_line():
     assert done.returncode == 3
     assert "Traceback" not in done.stderr
     assert done.stderr.splitlines()[-1].startswith(f"circumnav: {url}: MAVSDK")
+
+
+def test_a_child_that_ends_by_itself_ends_the_app_with_one_line(tmp_path):
+    """Else it would wait for ever without a link, and feed the watchdog that should restart it."""
+    file = tmp_path / "c.yaml"
+    link = "udpin://127.0.0.1:0"
+    file.write_text(f"vehicle: {{library: mavsdk, link: '{link}'}}\nrecord: {{directory: {tmp_path}}}\n")
+    fly = [sys.executable, "-c", "from circumnav_mav.cli import main; main()", "fly", str(file), "--wait", "0"]
+    with subprocess.Popen(fly, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as app:
+        try:
+            children = Path(f"/proc/{app.pid}/task/{app.pid}/children")
+            until_s = time.monotonic() + 60.0
+            while "waiting_autopilot" not in (out := app.stdout.readline()) and time.monotonic() < until_s and out:
+                pass
+            (child,) = children.read_text().split()
+            os.kill(int(child), signal.SIGKILL)
+            rest, errors = app.communicate(timeout=60)
+        finally:
+            app.kill()
+    assert app.returncode == 1, errors
+    assert errors.splitlines() == ["circumnav: link_ended: the MAVSDK process has ended; setpoints have stopped"]
+    assert "check the network" not in rest

@@ -57,6 +57,13 @@ def deaf(rig: Rig, rng: Draw, patch: pytest.MonkeyPatch) -> None:
         rig.run(rng.uniform(0.2, 6.0))
 
 
+def link_out(rig: Rig, rng: Draw, patch: pytest.MonkeyPatch) -> None:
+    """Nothing passes, either way."""
+    with pytest.MonkeyPatch.context() as cut:
+        cut.setattr(rig.vehicle, "receive", lambda data: None)
+        deaf(rig, rng, patch)
+
+
 def restart_app(rig: Rig, rng: Draw, patch: pytest.MonkeyPatch) -> None:
     rig.flight = Flight(rig.config)
 
@@ -119,7 +126,7 @@ def end(rig: Rig, rng: Draw, patch: pytest.MonkeyPatch) -> None:
 
 FAULTS: tuple[Fault, ...] = (
     freeze, pilot, indecisive_pilot, deaf, restart_app, no_radio, streams_stop, not_a_number, estimates_lost, failsafe,
-    no_answers, rubbish, stranger, rival, latch, end,
+    no_answers, rubbish, stranger, rival, latch, end, link_out,
 )  # fmt: skip
 
 

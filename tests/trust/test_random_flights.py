@@ -24,6 +24,7 @@ from circumnav_mav.mavlink.vehicles import VEHICLES
 from sitl_stub.config import AIRFRAMES, StubConfig
 from sitl_stub.streams import BUILDERS
 from tests.lockstep import OFFBOARD_LINK, Rig, airborne, config
+from tests.trust import outage
 from tests.trust.rules import HOLD, LAND, OFFBOARD, POSITION, RETURN, keep_the_rules
 from tests.trust.setpoint_rules import JUDGES
 from tests.trust.test_safety import bend_ranges, shows, silence
@@ -57,6 +58,10 @@ def deaf(rig: Rig, rng: Draw, patch: pytest.MonkeyPatch) -> None:
     rig.deaf = True
     rig.run(rng.uniform(0.2, 6.0))
     rig.deaf = False
+
+
+def link_out(rig: Rig, rng: Draw, patch: pytest.MonkeyPatch) -> None:
+    outage.outage(rig, rng.uniform(0.3, 4.0))
 
 
 def restart_app(rig: Rig, rng: Draw, patch: pytest.MonkeyPatch) -> None:
@@ -173,7 +178,7 @@ def drained(rig: Rig, rng: Draw, patch: pytest.MonkeyPatch) -> None:
 
 FAULTS: tuple[Fault, ...] = (
     freeze, pilot, indecisive_pilot, deaf, restart_app, wild_ranges, no_radio, streams_stop, not_a_number, low_battery,
-    position_lost, rubbish, stranger, end, stopped, reboot, cable, rival, latch, sticks, drained,
+    position_lost, rubbish, stranger, end, stopped, reboot, cable, rival, latch, sticks, drained, link_out,
 )  # fmt: skip
 
 
@@ -251,6 +256,7 @@ def fly(seed: str, patch: pytest.MonkeyPatch) -> list[str]:
     in_air_m = 60.0 if app.vehicle_class.airframe == "fixed_wing" else 15.0
     rig = Rig(app, start(rng, app, 0.0 if auto else in_air_m, rng.choice((1, 1, 7, 250))), wires)
     done: list[str] = [app.vehicle.kind, app.engage, app.law.name, app.estimator.name]
+    taken_back = outage.watch(patch)
     rig.run(rng.uniform(2.0, 5.0))
     if auto and rng.random() < 0.8:  # else something happens on the way up
         rig.run(50.0, until=lambda: rig.log.ticks[-1].control == "held" or bool(rig.flight.problem))
@@ -265,6 +271,7 @@ def fly(seed: str, patch: pytest.MonkeyPatch) -> list[str]:
             fault(rig, rng, patch)
             rig.run(rng.uniform(0.1, 8.0))
     keep_the_rules(rig, restarted=bool({"reboot", "cable"} & set(done)))
+    assert taken_back == [], "a stream that resumed took the aircraft out of the failsafe"
     return [*done, *rig.log.phases]
 
 

@@ -16,6 +16,7 @@ from circumnav_mav.runtime.live_check import WIDTH, table
 from circumnav_mav.settings_check import Severity, facts, judged
 from circumnav_mav.settings_table import TABLES
 from sitl_stub import Stub
+from sitl_stub.modes import Mode
 from sitl_stub.server import Endpoint, Server
 from tests.lockstep import OFFBOARD_LINK, Peer, airborne, config
 from tests.trust.test_safety import shows
@@ -58,6 +59,38 @@ def test_a_vehicle_that_is_ready_has_nothing_but_ok():
     assert [f for f in found["all"] if f.severity is not OK] == []
     assert {"vehicle", "mode", "range", "COM_OF_LOSS_T", "COM_OBL_RC_ACT", "battery", "RC"} <= set(found)
     assert list(table(found["all"]))[-1] == "ready"
+
+
+@pytest.mark.parametrize(("engage", "words"), [("pilot", "take off before you engage"), ("auto", "ready to take off")])
+def test_a_vehicle_on_the_ground_is_ready_too(engage, words):
+    """Where the field guide has it run: who reads it stands beside the aircraft."""
+    app = {"engage": engage, "orbit": {"height_m": 15.0}}
+    found, _ = listen(app, also=sticks, height_m=0.0)
+    assert [f for f in found["all"] if f.severity is not OK] == []
+    assert words in found["mode"].text
+    assert list(table(found["all"]))[-1] == "ready"
+
+
+def test_on_the_ground_in_offboard_is_still_a_warning():
+    def left_over(stub, audit, t):
+        if t > 2.0:
+            stub.autopilot.commander.intention = stub.autopilot.commander.mode = Mode.OFFBOARD
+
+    found, _ = listen(also=left_over, height_m=0.0)
+    assert found["mode"].severity is WARNING and "choose another mode first" in found["mode"].text
+
+
+def test_a_rover_is_not_told_to_take_off():
+    app = {"vehicle": {"class": "px4_rover"}}
+    mav, audit = mavlink.MAVLink(None, 1, 1), Audit(config(**app))
+    for message in (
+        mavlink.MAVLink_heartbeat_message(10, 12, 29, 0x03040000, 3, 3),
+        mavlink.MAVLink_current_mode_message(0, 0x03040000, 0x03040000),
+        mavlink.MAVLink_extended_sys_state_message(0, 1),
+    ):
+        audit.receive(message.pack(mav), 9.0)
+    row = next(f for f in audit.findings(10.0) if f.what == "mode")
+    assert row.severity is OK and row.text == "Hold, disarmed"
 
 
 def test_it_moves_nothing():
@@ -163,6 +196,8 @@ def test_lost_estimates_stop_a_flight(monkeypatch):
 def test_the_wrong_vehicle_class_is_named_with_the_right_one():
     found, _ = listen({"vehicle": {"class": "arducopter"}})
     assert found["vehicle"].severity is ERROR and "px4_multirotor" in found["vehicle"].text
+    assert not any("did not say" in f.text for f in found["all"]), "what matters is the class"
+    assert {f.severity for f in found["all"] if f.what not in ("vehicle", "RC", "streams")} == {OK}
 
 
 def test_a_failsafe_is_told():

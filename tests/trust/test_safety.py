@@ -14,6 +14,7 @@ from pymavlink.dialects.v20 import all as mavlink
 
 from sitl_stub.streams import BUILDERS
 from tests.lockstep import OFFBOARD_LINK, Peer, Rig, airborne, config
+from tests.trust.outage import outage
 from tests.trust.rules import (
     HOLD,
     LAND,
@@ -124,11 +125,22 @@ ROWS: dict[str, Row] = {
         app={"ranging": {"coast_s": 3.0}},
     ),
     "link lost": Row(
-        lambda rig, patch: setattr(rig, "deaf", True), 3.6, None, "the autopilot was not heard for 3.5 s", "released"
+        lambda rig, patch: setattr(rig, "deaf", True), 0.52, None, "nothing came from the autopilot for 1.0", "released"
+    ),
+    "link lost for a moment": Row(
+        lambda rig, patch: outage(rig, 0.8),
+        0.0,
+        None,
+        "nothing came from the autopilot for 0.5 s",
+        "held",
+        flies_on=True,
+    ),
+    "link lost, and back during the failsafe": Row(
+        lambda rig, patch: outage(rig, 2.0), 0.52, None, "nothing came from the autopilot for 1.0", "released"
     ),
     "autopilot restarted": Row(
-        lambda rig, patch: rig.reboot_vehicle(airborne(80.0, height_m=15.0), silent_s=1.0),
-        1.5,
+        lambda rig, patch: rig.reboot_vehicle(airborne(80.0, height_m=15.0), silent_s=0.6),
+        0.8,
         None,
         "the autopilot has restarted",
         "released",
@@ -338,3 +350,51 @@ def test_a_battery_that_is_well_does_not_hide_one_that_is_low():
         assert ap.battery_alarm
     ap._battery_status(SimpleNamespace(id=0, charge_state=1), 9.0)
     assert not ap.battery_alarm
+
+
+BY_ATTITUDE = {"vehicle": {"class": "px4_multirotor_attitude", "pitch_deg": -4.37}}
+
+
+@pytest.mark.parametrize(
+    ("cause", "more"),
+    [
+        (shows(SYS_STATUS, 6, 12), {}),
+        (lambda rig, patch: silence(rig, HEIGHT), {}),
+        (lambda rig, patch: silence(rig, (ATTITUDE,)), {}),
+        (lambda rig, patch: rig.flight.end("stopped by the operator"), {}),
+        (lambda rig, patch: None, {"flight_time_s": 8.0}),
+        (following_beacon, {}),
+    ],
+    ids=["battery", "height", "blind", "operator", "used up", "band"],
+)
+def test_without_a_position_every_hand_over_is_silence(cause, more, monkeypatch):
+    """Hold, Return and Land cannot be had without GPS: no mode is asked for, and the autopilot's failsafe acts."""
+    app = config(**{**BY_ATTITUDE, "safety": more, "orbit": {"r_min_m": 30.0}})
+    rig = Rig(app, airborne(70.0, seed=6, params={"COM_OBL_RC_ACT": 1}, gps=False))
+    fly_by_sticks(rig, 6.0)
+    rig.pilot.mode(ALTITUDE)
+    fly_by_sticks(rig, 4.0)
+    rig.pilot.mode(OFFBOARD)
+    fly_by_sticks(rig, 2.0)
+    assert rig.log.ticks[-1].control == "held", rig.flight.events
+    began_s = rig.now_s
+    cause(rig, monkeypatch)
+    fly_by_sticks(rig, 16.0)
+    assert mode_requests(rig) == []
+    assert rig.stub.truth().mode == "ALTCTL"
+    said = [event.text for event in rig.flight.events if event.t_s > began_s]
+    assert not any("handed over" in text for text in said), said
+    stopped = any("streaming stopped, and the autopilot chose Altitude" in text for text in said)
+    assert stopped or rig.flight.done or any("cannot fly yet: no VFR_HUD" in text for text in said), said
+    keep_the_rules(rig)
+
+
+ALTITUDE = 0x00020000
+
+
+def fly_by_sticks(rig: Rig, for_s: float) -> None:
+    for _ in range(round(for_s / rig.tick_s)):
+        rig.pilot.send(mavlink.MAVLink_manual_control_message(1, 0, 0, 500, 0, 0))
+        rig.step()
+        if rig.flight.done:
+            return

@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import math
 import random
+from pathlib import Path
 from typing import Any
 
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
+from circumnav_mav.config import load
 from circumnav_mav.flight import Flight
 from circumnav_mav.flight_record import TickRecord
 from tests.lockstep import config
 from tests.trust.rules import beyond_talk
 from tests.vehicles.ardupilot import COPTER, GUIDED, PLANE, STEP_S, FakeArduPilot
 
+CONFIGS = Path(__file__).parents[2] / "configs"
 LOITER = {COPTER: 5, PLANE: 12}
 RTL = {COPTER: 6, PLANE: 11}
 ENGAGED = ("acquiring", "orbiting", "coasting")
@@ -111,6 +114,18 @@ def test_it_circles(kind, rms_m):
     assert rig.vehicle.height == pytest.approx(80.0, abs=1.0)
     masks = {m.type_mask for _, m in rig.setpoints()}
     assert masks == {1479 if kind == COPTER else 254}
+
+
+@KINDS
+def test_the_shipped_configuration_settles(kind):
+    """As it is in the file: the plane's beacon lies on the ground, and its ranges are slant."""
+    shipped = load(CONFIGS / ("arducopter.yaml" if kind == COPTER else "arduplane.yaml"))
+    rig = Rig(kind)
+    rig.config, rig.flight, rig.radius_m = shipped, Flight(shipped), shipped.orbit.radius_m
+    rig.vehicle.beacon_height = shipped.ranging.target_height_m
+    rig.engage().run(120.0)
+    assert rig.phase == "orbiting", (rig.phases, rig.flight.events)
+    assert rig.rms_m(30.0) < 0.03 * shipped.orbit.radius_m
 
 
 def test_the_plane_turns_as_asked_though_its_bank_turns_it_by_less():
@@ -297,3 +312,22 @@ def test_guided_on_the_ground_is_not_taken():
     rig.run(3.0)
     assert rig.setpoints() == []
     assert rig.phase == "ready"
+
+
+@KINDS
+@pytest.mark.parametrize(("out_s", "held"), [(1.0, True), (2.2, True), (3.2, False)])
+def test_an_outage_longer_than_it_holds_a_setpoint_ends_the_flight(kind, out_s, held, monkeypatch):
+    """3 s by GUID_TIMEOUT (fixed on a plane): until then it flies on the last one, and stays in Guided after it.
+
+    Released as silent for 3.5 s where the last HEARTBEAT was one second old when the link went."""
+    rig = Rig(kind).engage().run(5.0)
+    take, began_s = rig.vehicle.take, rig.vehicle.now_s
+    with monkeypatch.context() as cut:
+        cut.setattr(rig.vehicle, "receive", lambda data: None)
+        cut.setattr(rig.vehicle, "take", lambda: take()[:0])
+        rig.run(out_s)
+    assert rig.setpoints()[-1][0] == pytest.approx(began_s + min(1.5, out_s), abs=0.05)
+    back_s = rig.vehicle.now_s
+    rig.run(3.0)
+    assert bool(rig.setpoints(back_s + 0.01)) is held
+    assert rig.ticks[-1].control == ("held" if held else "released")

@@ -241,3 +241,57 @@ def test_once_fit_it_stays_fit_in_flight():
     judge, ap = fitness("px4_multirotor"), autopilot(PX4, QUAD)
     assert judge.unfit(ap, 1.0) is None
     assert judge.unfit(ap, 100.0) is None, "what is lost in flight is not this table's affair"
+
+
+HELD_MODE, CHOSEN = 0x00060000, 0x03040000
+
+
+def shown(custom_mode: int, name: str = "HEARTBEAT") -> object:
+    if name == "CURRENT_MODE":
+        return by_name(name).make((custom_mode, custom_mode, 0))
+    return by_name(name).make((custom_mode, 2, 12, 0x80, 4, 3))
+
+
+@pytest.mark.parametrize("rate_hz", [20, 50, 408, 800])
+@pytest.mark.parametrize("after_s", [0.05, 0.2, 0.31, 0.35, 0.4, 0.5, 0.59, 0.7, 1.0])
+def test_a_choice_of_mode_is_believed_however_long_after_the_mode_before_it(rate_hz, after_s):
+    """Every frame has a sequence number, and every second one is read; 408 a second is PX4's rate."""
+    ap, seq, frames = Autopilot(), 0, max(1, round(rate_hz * after_s))
+    ap.on_message(Message("HEARTBEAT", 1, 1, 0, shown(HELD_MODE)), 0.0)
+    attitude = by_name("ATTITUDE").make((0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
+    for seq in range(2, frames, 2):
+        ap.on_message(Message("ATTITUDE", 1, 1, seq % 256, attitude), seq / rate_hz)
+    ap.on_message(Message("CURRENT_MODE", 1, 1, frames % 256, shown(CHOSEN, "CURRENT_MODE")), frames / rate_hz)
+    assert ap.custom_mode == CHOSEN
+
+
+@pytest.mark.parametrize("silent_s", [0.1, 0.2, 0.3, 0.35, 0.5, 0.6, 0.9])
+def test_a_choice_of_mode_is_believed_after_an_outage(silent_s):
+    ap, lost = Autopilot(), round(408 * silent_s)
+    ap.on_message(Message("HEARTBEAT", 1, 1, 0, shown(HELD_MODE)), 0.0)
+    ap.on_message(Message("HEARTBEAT", 1, 1, lost % 256, shown(CHOSEN)), silent_s)
+    assert ap.custom_mode == CHOSEN
+
+
+@pytest.mark.parametrize("late", [1, 10, 40, 120])
+def test_a_mode_that_was_overtaken_is_not_news(late):
+    """At 408 frames a second, by up to 0.29 s."""
+    ap = Autopilot()
+    attitude = by_name("ATTITUDE").make((0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
+    ap.on_message(Message("HEARTBEAT", 1, 1, 0, shown(HELD_MODE)), 0.0)
+    for seq in range(1, 300):
+        ap.on_message(Message("ATTITUDE", 1, 1, seq % 256, attitude), seq / 408)
+    newest = Message("CURRENT_MODE", 1, 1, 300 % 256, shown(HELD_MODE, "CURRENT_MODE"))
+    ap.on_message(newest, 300 / 408)
+    ap.on_message(Message("HEARTBEAT", 1, 1, (300 - late) % 256, shown(CHOSEN)), 301 / 408)
+    assert ap.custom_mode == HELD_MODE
+
+
+@pytest.mark.parametrize("name", ["px4_v1.16.0_quadx_kdv015_offboard.tlog", "ap_plane_scenario.tlog"])
+def test_of_a_recorded_flight_no_mode_is_dropped(name):
+    ap, modes = Autopilot(), 0
+    for t_s, message in recorded(name, {"HEARTBEAT", "CURRENT_MODE", "ATTITUDE"}):
+        if ap.on_message(message, t_s) and message.name != "ATTITUDE":
+            modes += 1
+            assert ap.mode_s == t_s
+    assert modes > 50

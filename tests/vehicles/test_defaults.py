@@ -47,6 +47,8 @@ def test_the_shipped_file_of_a_class_says_what_the_class_decides(path):
     assert alone.law_context() == shipped.law_context()
     assert alone.limits == shipped.limits
     assert alone.on_range_lost == shipped.on_range_lost
+    actions = [key for key in type(alone.safety).model_fields if key.startswith("on_")]
+    assert [getattr(alone.safety, key) for key in actions] == [getattr(shipped.safety, key) for key in actions]
     assert alone.ranging.target_height_m == shipped.ranging.target_height_m
 
 

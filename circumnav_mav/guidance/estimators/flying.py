@@ -14,6 +14,7 @@ from circumnav_mav.guidance.kernel import (
     NAN,
     OUTLIER,
     RESTARTED,
+    RETURNED,
     Estimate,
     Estimator,
     Memory,
@@ -51,6 +52,7 @@ class FlyingEstimator:
         self._anchor: Place | None = None  # where the bank stands
         self.noise = NoiseMeter()  # in units of what each sample says: a levelled slant range says more near overhead
         self.restarts = 0  # times the readings outvoted the belief since the reset
+        self.returns = 0  # times they came back to one that they had outvoted: an echo had won
 
     def advance(self, now_s: float, motion: Motion) -> None:
         """Take in what was flown since the last call: every control tick, before `at`."""
@@ -77,6 +79,9 @@ class FlyingEstimator:
             return Rejected(sample.t_s, "outlier", f"{sample.range_m:.1f} m does not fit the ranges before it")
         if self._mem.verdict == RESTARTED:
             self.restarts += 1
+            self.noise.restart()
+        if self._mem.verdict == RETURNED:
+            self.returns += 1
             self.noise.restart()
         return None
 

@@ -123,10 +123,14 @@ PX4_MULTIROTOR_ATTITUDE = VehicleClass(
     defaults={
         **IN_WIND,
         "limits": {"turn_rate_rad_s": 0.6, "turn_accel_rad_s2": 1.0, "bank_deg": 20.0},
-        "on_range_lost": "stop",  # Hold, Return and Land need a position
+        "on_range_lost": "stop",
+        "safety": dict.fromkeys(
+            ("on_used_up", "on_battery_low", "on_height_lost", "on_blind", "on_band_broken"), "stop"
+        ),
     },
     take_off=TakeOff(None, "amsl", frozenset({px4_modes.TAKEOFF}), px4_modes.HOLD, level_s=3.0),
     banks=True,
     attitude=True,
     wants_pitch=True,
+    hands_over=False,
 )

@@ -120,6 +120,7 @@ class VehicleClass:
     lateral_m_s2: float = inf  # acceleration across the course that the autopilot gives at most
     attitude: bool = False  # flies by attitude: takes vehicle.pitch_deg and vehicle.thrust
     wants_pitch: bool = False  # cannot fly without vehicle.pitch_deg
+    hands_over: bool = True  # can ask for Hold, Return and Land: they need a position
 
     def turn_rate_limit(self, turn_rate_rad_s: float, bank_rad: float, speed_m_s: float) -> float:
         """Return the turn rate [rad/s] that limits, bank and lateral acceleration all allow at a speed."""
