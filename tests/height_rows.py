@@ -4,7 +4,7 @@ python -m tests.height_rows [--flights N] [--seed FIRST] [--config FILE] [ROW ..
 
 ground: the beacon stands on the ground, and its ranges are slant; level: it is as high as the aircraft, so that ranges
 are horizontal. _outliers: every tenth range is too long. Direction, place, course and a wind of 0 to 5 m/s are drawn.
-Errors are the stub's truth, over the last 150 s of 300.
+Errors are the stub's truth, over the last 100 s of 240.
 """
 
 from __future__ import annotations
@@ -22,7 +22,8 @@ from tests.lockstep import Rig, airborne
 
 ROWS = ("ground", "level", "ground_outliers", "level_outliers")
 SHIPPED = Path(__file__).parents[1] / "configs" / "px4_fixed_wing.yaml"
-FLIGHT_S, TAIL_S, HEIGHT_M, WIND_M_S = 300.0, 150.0, 100.0, 5.0
+FLIGHT_S, TAIL_S, HEIGHT_M, WIND_M_S = 240.0, 100.0, 100.0, 5.0
+START_M = (150.0, 600.0)
 HELD = ("acquiring", "orbiting", "coasting")
 SETTLED_RMS_M, LEAST_SHARE = 3.0, 0.25
 """A flight is good with an rms of less than the first, and never nearer than this share of the radius."""
@@ -38,7 +39,7 @@ def rig_of(row: str, seed: int, file: Path = SHIPPED) -> Rig:
     wind, bearing, heading = (draw.uniform(-math.pi, math.pi) for _ in range(3))
     wind_m_s = draw.uniform(0.0, WIND_M_S)
     world = airborne(
-        distance_m=draw.uniform(20.0, 600.0),
+        distance_m=draw.uniform(*START_M),
         bearing_rad=bearing,
         heading_rad=heading,
         height_m=HEIGHT_M,

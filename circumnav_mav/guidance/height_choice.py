@@ -39,6 +39,9 @@ SWITCH = 8.0
 """The sum from which the other one is flown on."""
 DROP = 30.0
 """The sum from which one of the two is beyond doubt, and the most that is kept."""
+AGAIN = 20.0
+"""What stays of the sum when the one that was beyond doubt starts again: a beacon that moved, and a run of echoes that
+agree, make it do so more often than a wrong choice does."""
 HEIGHT_SIGMAS, HEIGHT_ERROR_M = 4.0, 5.0
 """A slant range is no shorter than the height less so many of its sigmas and the error of a barometer."""
 
@@ -49,7 +52,9 @@ class HeightChoice:
     def __init__(self, build: Callable[[], FlyingEstimator]) -> None:
         self._build = build
         self._tried = {SLANT: build(), LEVEL: build()}
-        self._earlier_restarts = 0  # of rounds that are over
+        self._before = dict.fromkeys(WORDS, 0)  # their restarts when this round began
+        self._earlier_restarts = 0  # those that counted in the rounds before
+        self._earlier_returns = 0  # of those that are dropped
         self._news: list[str] = []
         self.taken = SLANT
         """How the ranges that are flown on are taken: SLANT or LEVEL."""
@@ -72,7 +77,15 @@ class HeightChoice:
     @property
     def restarts(self) -> int:
         """Times that the ranges outvoted every belief there is: the wrong one of the two may restart as it likes."""
-        return self._earlier_restarts + min(estimator.restarts for estimator in self._tried.values())
+        return self._earlier_restarts + min(self._restarts_of(way) for way in self._tried)
+
+    @property
+    def returns(self) -> int:
+        """Times that a belief which had been outvoted came back, in whichever of the two."""
+        return self._earlier_returns + sum(estimator.returns for estimator in self._tried.values())
+
+    def _restarts_of(self, way: str) -> int:
+        return self._tried[way].restarts - self._before[way]
 
     def news(self) -> list[str]:
         """Return what was decided since the last call, in words."""
@@ -94,22 +107,23 @@ class HeightChoice:
         flown = LEVEL if self.flown is self._tried[LEVEL] else SLANT
         judged = {way: judge(self._tried[way], readings[way], sample, motion) for way in WORDS}
         gain = min(max(judged[LEVEL][0] - judged[SLANT][0], -CAP), CAP)
-        if sample.range_m < abs(height_m) - HEIGHT_SIGMAS * sample.sigma_m - HEIGHT_ERROR_M:
-            gain = CAP
+        if isinstance(readings[SLANT], Rejected):  # near overhead, if it is slant: that tells nothing, or all
+            short_m = abs(height_m) - HEIGHT_SIGMAS * sample.sigma_m - HEIGHT_ERROR_M
+            gain = CAP if sample.range_m < short_m and judged[LEVEL][1] is None else 0.0
         self._weigh(gain)
         return judged[flown][1]
 
     def _alone(self, readings: Mapping[str, Reading], motion: Motion) -> Rejected | None:
         """The one that is left takes the range; where that ends its belief, both begin again."""
-        estimator, reading = self._tried[self.taken], readings[self.taken]
         before = self.restarts
-        rejected = use(estimator, reading, motion)
+        rejected = use(self._tried[self.taken], readings[self.taken], motion)
         if self.restarts > before:
+            other = OTHER[self.taken]
             self._earlier_restarts = self.restarts
-            self._tried = {way: self._build() for way in WORDS}
-            for way, other in self._tried.items():
-                use(other, readings[way], motion)
-            self.for_level = SWITCH if self.taken == LEVEL else -SWITCH
+            self._tried[other] = self._build()
+            use(self._tried[other], readings[other], motion)
+            self._before = {self.taken: self._tried[self.taken].restarts, other: 0}
+            self.for_level = AGAIN if self.taken == LEVEL else -AGAIN
             self._news.append(
                 f"ranges taken as {self.taken} no longer fit the flight: horizontal and slant are both tried again"
             )
@@ -123,7 +137,8 @@ class HeightChoice:
             self.taken = likelier
             self._news.append(WORDS[likelier])
         if abs(self.for_level) >= DROP:
-            self._earlier_restarts = self.restarts - self._tried[likelier].restarts
+            self._earlier_restarts = self.restarts - self._restarts_of(likelier)
+            self._earlier_returns += self._tried[OTHER[likelier]].returns
             self._tried = {likelier: self._tried[likelier]}
             self._news.append(f"{WORDS[likelier]}: beyond doubt")
 
