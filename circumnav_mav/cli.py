@@ -19,7 +19,7 @@ from circumnav_mav import __version__, cli_study
 from circumnav_mav.config import Config, ConfigError, load
 from circumnav_mav.runtime.app import Options
 from circumnav_mav.runtime.clock import Clock
-from circumnav_mav.runtime.demo import demo_config, run_demo
+from circumnav_mav.runtime.demo import demo_config, demo_note, run_demo
 from circumnav_mav.runtime.session import Crash, Outcome, fly
 from circumnav_mav.runtime.systemd import as_a_service
 from circumnav_mav.runtime.transport import LinkError
@@ -71,9 +71,12 @@ def demo(
     ] = None,
 ) -> None:
     """Watch a vehicle find and circle a beacon: app and vehicle stub as two processes, MAVLink over loopback."""
-    settings = demo_config(load(config) if config else None)
+    given = load(config) if config else None
+    settings = demo_config(given)
     _try_to_write(json)
     outcome = run_demo(settings, speed=speed, seed=seed, duration_s=duration, stub_args=stub_arg or [])
+    if note := demo_note(given):
+        outcome.notes.append(note)
     _finish(outcome, json)
 
 

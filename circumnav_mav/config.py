@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from math import inf, nan, radians
+from math import inf, isfinite, nan, radians
 from pathlib import Path as FilePath
 from typing import Annotated, Any, Literal, NamedTuple
 
@@ -63,12 +63,25 @@ def _no_boolean(value: Any) -> Any:
     return value
 
 
+def _height(value: Any) -> Any:
+    if value is None or value == "auto":
+        return value
+    try:
+        height_m = float(_no_boolean(value))
+    except (TypeError, ValueError):
+        height_m = nan
+    if not isfinite(height_m):
+        raise ValueError(f"must be a height in m, auto or null, not {value!r}")
+    return height_m
+
+
 Link = Annotated[str, AfterValidator(_link)]
 RangingEndpoint = Annotated[str, AfterValidator(_source)]
 Finite = Annotated[FiniteFloat, BeforeValidator(_no_boolean)]
 Whole = Annotated[int, BeforeValidator(_no_boolean)]
 Positive = Annotated[Finite, Field(gt=0)]
 NotNegative = Annotated[Finite, Field(ge=0)]
+Height = Annotated[float | Literal["auto"], BeforeValidator(_height)]
 
 
 class Section(BaseModel):
@@ -114,7 +127,7 @@ class Ranging(Section):
     bias_m: Finite = 0.0
     latency_s: NotNegative = 0.0
     sigma_m: Positive = 0.3
-    target_height_m: Finite | None = None
+    target_height_m: Height | None = None
 
     @property
     def options(self) -> dict[str, Any]:
@@ -245,6 +258,7 @@ class Config(Section):
             V=self.orbit.speed_m_s,
             turn_rate_limit=self.turn_rate_limit_rad_s,
             turn_lag_s=self.vehicle_class.turn_lag_s,
+            r_min=nan if self.orbit.r_min_m is None else self.orbit.r_min_m,
         )
 
     @property
@@ -313,6 +327,7 @@ def safety_limits(config: Config) -> tuple[SafetyLimits, dict[str, str]]:
 def guidance_settings(config: Config) -> GuidanceSettings:
     """Return the part of the configuration that the guidance computer is built from."""
     orbit, ranging = config.orbit, config.ranging
+    target_m = ranging.target_height_m
     return GuidanceSettings(
         law=config.law.name,
         law_options=config.law.options,
@@ -325,7 +340,8 @@ def guidance_settings(config: Config) -> GuidanceSettings:
         coast_s=ranging.coast_s,
         sigma_m=ranging.sigma_m,
         height_m=nan if orbit.height_m is None else orbit.height_m,
-        target_height_m=nan if ranging.target_height_m is None else ranging.target_height_m,
+        target_height_m=target_m if isinstance(target_m, float) else nan,
+        choose_height=target_m == "auto",
         r_min_m=orbit.r_min_m or -inf,
         r_max_m=orbit.r_max_m or inf,
     )

@@ -12,7 +12,9 @@ from circumnav_mav.guidance.computer import GuidanceSettings, band_of, estimator
 from circumnav_mav.guidance.estimators import ESTIMATORS
 from circumnav_mav.guidance.estimators.flying import TRAIL_S
 from circumnav_mav.guidance.laws import LAWS
-from circumnav_mav.ranging import SOURCES, ByteSource
+from circumnav_mav.mavlink.link import COMPANION_COMPONENT
+from circumnav_mav.ranging import SOURCES, ByteSource, carried
+from circumnav_mav.ranging.plug import Source
 from circumnav_mav.ranging.receiver import check_options
 
 if TYPE_CHECKING:
@@ -54,6 +56,8 @@ def cross_checks(config: Config, guidance: GuidanceSettings) -> Iterator[tuple[s
     if config.ranging.endpoint and endpoint.parse(config.ranging.endpoint) == endpoint.parse(config.vehicle.link):
         yield "ranging.endpoint", "is vehicle.link: leave it out, and ranges are taken from that link"
     yield from _study_checks(config)
+    if config.ranging.sender == (config.vehicle.system_id, COMPANION_COMPONENT) and not config.ranging.endpoint:
+        yield "ranging.from", "is this app itself: a program that speaks with its ids keeps it from engaging"
     if config.ranging.sender and config.ranging.sender == (config.vehicle.system_id, 1):
         yield "ranging.from", "is the autopilot that is flown: its own range finder and its echoes are never flown on"
 
@@ -70,16 +74,30 @@ def _law_checks(config: Config) -> Iterator[tuple[str, str]]:
             yield path, text
 
 
+CHOOSES_HEIGHT = "drift"
+"""The estimator that sees whether ranges are slant: it knows from heading and airspeed how wide a circle was flown."""
+
+
 def _estimator_checks(config: Config, guidance: GuidanceSettings) -> Iterator[tuple[str, str]]:
     law, estimator, given = LAWS[config.law.name], ESTIMATORS[config.estimator.name], config.estimator.options
     missing = sorted(set(law.needs) - estimator.gives - {"V"})
     if missing:
         able = [name for name, other in ESTIMATORS.items() if set(law.needs) <= other.gives | {"V"}]
         yield "estimator.name", f"law {law.name} needs {', '.join(missing)}, which only {' or '.join(able)} gives"
+    blind = sorted(estimator.needs - config.vehicle_class.senses - {"range"})
+    if blind:
+        lacking = ", ".join(blind).replace("_", " ")
+        yield "estimator.name", f"{estimator.name} needs {lacking}, which {config.vehicle.kind} does not have"
     unknown = sorted(set(given) - set(estimator.options))
     yield from (("estimator." + k, f"no option of {estimator.name}{nearest(k, estimator.options)}") for k in unknown)
     if "sigma_m" in given:
         yield "estimator.sigma_m", "set ranging.sigma_m instead: a flight gives the estimator that, range by range"
+    if guidance.choose_height and estimator.name != CHOOSES_HEIGHT:
+        yield (
+            "ranging.target_height_m",
+            f"auto needs estimator {CHOOSES_HEIGHT}, not {estimator.name}: give the target's height above the take-off "
+            "(0 = on the ground), or null where ranges are horizontal",
+        )
     known = {key: value for key, value in given.items() if key in estimator.options and key != "sigma_m"}
     context = estimator_context(guidance)
     yield from _refused("estimator", known, lambda options: estimator.parameters(options, context))
@@ -203,13 +221,32 @@ def _ranging_checks(ranging: Ranging) -> Iterator[tuple[str, str]]:
         yield "ranging.endpoint", f"a file is read by the source replay, not by {source.name}"
     if ranging.min_m is not None and ranging.max_m is not None and ranging.min_m >= ranging.max_m:
         yield "ranging.min_m", f"{ranging.min_m:g} m is not below ranging.max_m, {ranging.max_m:g} m"
+    if ranging.beacon_id is not None:
+        yield from _beacon_id_faults(ranging.beacon_id, source, ranging.options)
 
 
-def _option_faults(source: ByteSource, options: dict[str, Any]) -> Iterator[tuple[str, str]]:
+def _beacon_id_faults(beacon_id: int, source: Source, options: dict[str, Any]) -> Iterator[tuple[str, str]]:
+    """Yield why no range of the source could ever be of this beacon."""
+    if beacon_id > source.most_beacon_id:
+        yield (
+            "ranging.beacon_id",
+            f"{beacon_id} never comes: {source.name} carries ids up to {source.most_beacon_id:.0f} only",
+        )
+    faulty = any(True for _ in _option_faults(source, options))
+    if "beacon_id" in source.carries and not faulty and "beacon_id" not in carried(source, options):
+        yield (
+            "ranging.beacon_id",
+            f"{beacon_id} never comes: ranging.{'pattern' if 'pattern' in options else 'json'} names no beacon_id, "
+            "so that every range would be turned away",
+        )
+
+
+def _option_faults(source: Source, options: dict[str, Any]) -> Iterator[tuple[str, str]]:
     """Yield what the source itself says of its options; its words begin with `ranging.KEY` or `ranging:`."""
     try:
         check_options(source, options)
-        source.decoder(options)
+        if isinstance(source, ByteSource):
+            source.decoder(options)
     except ValueError as error:
         match = re.match(r"ranging(?:\.(\w+))?:? (.*)", str(error), re.DOTALL)
         key, words = (match[1], match[2]) if match else (None, str(error))

@@ -21,6 +21,8 @@ SIMPLE_LAW = "hashemi2013"
 """Needs range and range rate only: every estimator gives them."""
 SIMPLE_ESTIMATORS = ("direct", "drift")
 PLUGS = ("law", "estimator")
+HEIGHT = "ranging.target_height_m"
+"""Where a class would find it out (auto), that is for its own estimator to do: with another, ranges are horizontal."""
 SPEEDS = {"ground": "measured over the ground", "air": "measured airspeed", "believed": "believed, from the tilt"}
 
 
@@ -54,6 +56,9 @@ def with_defaults(data: Mapping[str, Any]) -> tuple[dict[str, Any], tuple[str, .
         own = usual[plug] if not given and chosen[plug] == usual[plug]["name"] else {}
         filled[plug] = {**own, **given, "name": chosen[plug]}
         paths.append(f"{plug}.name")
+    if HEIGHT in paths and (names["estimator"] or chosen["estimator"]) != usual["estimator"]["name"]:
+        filled["ranging"] = {key: value for key, value in filled["ranging"].items() if key != "target_height_m"}
+        paths.remove(HEIGHT)
     return filled, tuple(paths)
 
 

@@ -214,6 +214,8 @@ class Flight:
         self._frames += link.poll(now_s) + link.read_parameters(now_s)
         self.notices.watch_link(now_s)
         self._watch_noise(now_s)
+        for words in self.computer.choice.news() if self.computer.choice is not None else ():
+            self.notices.say(now_s, words, INFO)
         # In the order in which they were packed: a receiver of signed frames refuses one that is overtaken.
         frames, self._frames = self._frames, []
         return frames, self._record(now_s, decision, lateness_s, missed_ticks)
@@ -244,9 +246,9 @@ class Flight:
 
     def _look_out(self, now_s: float) -> None:
         """Walk the table of causes that end a flight."""
-        news, restarted = self.lookout.look(now_s, self._r_m, self._blind)
-        if restarted:
-            self.notices.say(now_s, "the ranges outvoted the estimate, which starts again", INFO)
+        news, belief = self.lookout.look(now_s, self._r_m, self._blind)
+        if belief:
+            self.notices.say(now_s, belief, INFO)
         for trip in news:
             self.notices.say(now_s, f"{trip.text}: {trip.action.replace('_', ' ')}", WARNING)
         if (trip_now := self.lookout.trip) is not None and trip_now.ends:
@@ -382,9 +384,9 @@ class Flight:
         self.link.authority.give_back(self.words.hand_over(action), now_s, f"{why}: {action}")
 
     def _watch_noise(self, now_s: float) -> None:
-        noise, expected_m = self.computer.estimator.noise, self._config.ranging.sigma_m
-        if noise.noisier(expected_m) and self.notices.once("noise"):
-            words = f"ranges are noisier than ranging.sigma_m = {expected_m:g} m: about {noise.sigma_m:.1f} m"
+        times, expected_m = self.computer.estimator.times_noisier(), self._config.ranging.sigma_m
+        if times > 1.0 and self.notices.once("noise"):
+            words = f"ranges are noisier than ranging.sigma_m = {expected_m:g} m: about {times * expected_m:.1f} m"
             self.notices.tell(now_s, f"{words}, which is flown on", INFO)
 
     def _show_target(self, now_s: float, decision: Decision) -> None:

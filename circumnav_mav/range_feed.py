@@ -14,6 +14,7 @@ from circumnav_mav.mavlink.dialect import layout
 from circumnav_mav.mavlink.signing import Signer
 from circumnav_mav.ranging import SOURCES, ByteReceiver, ByteSource, MessageReceiver, Settings, open_receiver
 from circumnav_mav.ranging.counts import Counts
+from circumnav_mav.ranging.plug import Reason
 from circumnav_mav.types import RangeSample, Rejected
 
 AUTOPILOT_COMPONENT = 1
@@ -60,6 +61,11 @@ class RangeFeed:
     def start(self) -> tuple[tuple[float, bytes], ...]:
         """(wait s, send) steps that make a silent device talk."""
         return self.source.start if isinstance(self.source, ByteSource) else ()
+
+    @property
+    def understood(self) -> int:
+        """How many times a device has said something in its own format, flown on or not."""
+        return self.counts.accepted + sum(n for why, n in self.counts.rejected.items() if why != Reason.BAD_FRAME)
 
     def on_vehicle(self, sysid: int | None, *, moving: bool) -> None:
         """Tell who the autopilot is, whose ranges are never a beacon's, and whether the vehicle may be moving."""

@@ -36,7 +36,9 @@ class Autopilot:
         self._unix_start_us = self._unix_boot_us = round(start_s * 1e6)
         self.origin_n, self.origin_e = config.start_north_m, config.start_east_m
         self.home_n, self.home_e = self.origin_n, self.origin_e
-        yaw = math.pi / 2 - config.start_heading_rad
+        yaw = self.home_yaw = math.pi / 2 - config.start_heading_rad
+        self.has_home = config.gps
+        """Whether home is known: it takes a position, and then stays."""
         self.origin_h = config.local_z_error_m  # z reads this on the ground
         place = (self.origin_n, self.origin_e, config.start_height_m, yaw)
         self.commander = Commander(self.params, config.ready_after_s)
@@ -45,7 +47,7 @@ class Autopilot:
         self.vehicle: Multirotor | FixedWing
         self.pilot: MultirotorPilot | FixedWingPilot
         if self.fixed_wing:
-            self.vehicle = FixedWing(dt_s, *place)
+            self.vehicle = FixedWing(dt_s, *place, config.roll_lag_s)
             self.pilot = FixedWingPilot(self.vehicle, self.commander, self.params, config.airspeed_scale)
         else:
             self.vehicle = Multirotor(dt_s, *place)
@@ -68,10 +70,9 @@ class Autopilot:
         self.boot_us = max(0, round((now_s - self._boot_s + self._clock_s) * 1e6))
         self.boot_ms = self.boot_us // 1000 & 0xFFFFFFFF  # 32 bits on the wire: it wraps after 49.7 days
         self.wind_n, self.wind_e = wind_n, wind_e
-        if self.commander.armed is not self._was_armed:
-            self._was_armed = self.commander.armed
-            if self._was_armed and self.commander.position_ok:
-                self._set_home()
+        arms, self._was_armed = self.commander.armed and not self._was_armed, self.commander.armed
+        if self.commander.position_ok and (arms or not self.has_home):
+            self._set_home()
         self.commander.update(now_s, self.vehicle.h <= 0.0 and not self.pilot.pushing)
         if self._compass_errs and isinstance(self.pilot, MultirotorPilot):
             self.pilot.yaw_error_rad = self.yaw_estimate() - self.vehicle.yaw
@@ -84,11 +85,12 @@ class Autopilot:
         self._clock_s = 0.0
         self.commander.boot(now_s + self.config.ready_after_s)
         self.origin_n, self.origin_e = self.pilot.local_n, self.pilot.local_e = self.vehicle.n, self.vehicle.e
-        self._set_home()
+        self.has_home = False
 
     def _set_home(self) -> None:
-        """Return to here from now on, as PX4 does when it boots and whenever it arms."""
-        self.home_n, self.home_e = self.vehicle.n, self.vehicle.e
+        """Return to here from now on, as PX4 does once it has a position after booting, and whenever it arms."""
+        self.has_home = True
+        self.home_n, self.home_e, self.home_yaw = self.vehicle.n, self.vehicle.e, self.yaw_estimate()
         self.pilot.set_home(self.home_n, self.home_e)
 
     def jump_clock(self, seconds: float) -> None:

@@ -28,6 +28,8 @@ def idle(a: argparse.Namespace, wrote: set[str]) -> Iterator[str]:
         yield "--sign needs a passphrase that is not empty"
     if "start_speed" in wrote and not a.airborne > 0.0:
         yield "--start-speed is the speed of an airborne start: add --airborne HEIGHT"
+    if "airspeed_scale" in wrote and a.airframe != "fixed_wing":
+        yield "--airspeed-scale is of the airspeed sensor of a fixed wing: add --airframe fixed_wing"
     if a.no_radio:
         yield from _beside("--no-radio", "leaves no radio on board", OF_THE_RADIO, wrote)
         return

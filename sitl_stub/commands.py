@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from sitl_stub.commander import ACCEPTED, DENIED, FAILED, TEMPORARILY_REJECTED, UNSUPPORTED
 from sitl_stub.link import Link
 from sitl_stub.modes import Mode, mode_of, shown_modes, title_of
-from sitl_stub.streams import BUILDERS
+from sitl_stub.streams import BUILDERS, CONDITIONS
 from sitl_stub.wire import Message
 from sitl_stub.world import HOME_AMSL_M, north_east_m
 
@@ -141,6 +141,8 @@ def _request_message(stub: Stub, link: Link, p: Params) -> int:
 
 
 def _send_once(stub: Stub, link: Link, msgid: int, index: int = 0) -> int:
+    if msgid in CONDITIONS and not CONDITIONS[msgid](stub.autopilot):
+        return DENIED  # by PX4's source, not measured: there is nothing to tell
     if msgid in BUILDERS:
         stub.send(link, msgid, BUILDERS[msgid](stub.autopilot))
     elif msgid == AUTOPILOT_VERSION:

@@ -52,6 +52,7 @@ class StubConfig:
 
     compass_error_rad: float = 0.0  # the autopilot's yaw minus the true one (clockwise)
     compass_wobble_rad: float = 0.0  # and a part that goes with the sine of the yaw (iron on board)
+    roll_lag_s: float = 0.165  # of the roll loop, and so of the turn rate: a larger airplane's is longer (fixed wing)
     airspeed_scale: float = 1.0  # an error of the airspeed sensor: shown / calibrated airspeed (fixed wing)
     gps: bool = True  # without it there is no local position, and PX4 refuses what needs one
     local_z_error_m: float = -0.46  # what LOCAL_POSITION_NED.z reads on the ground (PX4: -0.73 to 0.01 seen)
@@ -113,6 +114,7 @@ BOUNDS: dict[str, tuple[float, float]] = {
     "height_drift_m_s": (0.0, 10.0),
     "compass_error_rad": (-100.0, 100.0),
     "compass_wobble_rad": (-100.0, 100.0),
+    "roll_lag_s": (0.01, 10.0),
     "airspeed_scale": (0.01, 100.0),
     "local_z_error_m": (-1000.0, 1000.0),
     "range_sigma_m": (0.0, _FAR_M),

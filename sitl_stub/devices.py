@@ -110,6 +110,61 @@ class Dwm1001Les:
         return les_line([(self._beacon_id, "0.00,0.00,0.00", range_m)], "le_us=2576")
 
 
+class Console:
+    """What may be typed to a device on a serial line, and what comes out: most say all they have, and are deaf."""
+
+    def hear(self, data: bytes, t_s: float) -> bytes:
+        """Take what was typed at t_s [s]; return the answer."""
+        return b""
+
+    def says(self, report: bytes) -> bytes:
+        """Return what of a report of ranges comes out."""
+        return report
+
+
+class PansConsole(Console):
+    """The UART of a DWM1001 with PANS: what comes out of it depends on what was typed, and stays so when nobody reads.
+
+    It starts in binary mode, which answers what it does not know with an error of three bytes. Two carriage returns
+    within a second open the shell; there `les` starts the lines of ranges, and `les` again stops them; `quit` leads
+    back. The shell echoes. Source: PANS documentation, UART interface and shell API.
+    """
+
+    ERROR = b"\x40\x01\x01"
+    PROMPT = b"dwm> "
+    SHELL_WITHIN_S = 1.0
+
+    def __init__(self) -> None:
+        self.in_shell = self.in_lines = False
+        self._returned_s = -math.inf
+        self._typed = b""
+
+    def hear(self, data: bytes, t_s: float) -> bytes:
+        """Take what was typed at t_s [s]; return the answer."""
+        return b"".join(self._key(data[i : i + 1], t_s) for i in range(len(data)))
+
+    def says(self, report: bytes) -> bytes:
+        """Return what of a report of ranges comes out."""
+        return report if self.in_lines else b""
+
+    def _key(self, key: bytes, t_s: float) -> bytes:
+        if not self.in_shell:
+            twice = key == b"\r" and t_s - self._returned_s <= self.SHELL_WITHIN_S
+            self._returned_s = t_s if key == b"\r" else -math.inf
+            self.in_shell = twice
+            return b"\r\n" + self.PROMPT if twice else self.ERROR
+        if key != b"\r":
+            self._typed += key
+            return key
+        command, self._typed = self._typed, b""
+        if command == b"les":
+            self.in_lines = not self.in_lines
+        elif command == b"quit":
+            self.in_shell = self.in_lines = False
+            self._returned_s = -math.inf
+        return b"\r\n" + self.PROMPT
+
+
 class LightWare:
     """A LightWare laser in continuous ASCII output; a lost signal is 130.00 m, as delivered."""
 
@@ -175,6 +230,11 @@ class Replay:
             return b""
         rate = f"{range_rate_m_s!r}" if math.isfinite(range_rate_m_s) else ""
         return f"{t_s!r},{range_m!r},{rate},,\n".encode()
+
+
+def console_of(device: str) -> Console:
+    """Return the console of a device just switched on."""
+    return PansConsole() if device == "dwm1001_les" else Console()
 
 
 DEVICES: dict[str, Callable[[int], RangeToBytes]] = {

@@ -3,7 +3,8 @@
 The airplane is draggy and its motor weak, as measured (PX4.md, 5): 12 m/s takes thrust 0.835 at pitch -1 deg, all of it
 gives 13.6 m/s at -2 deg, and at 25-30 deg of pitch it climbs with 4.8 m/s at 10 m/s. The four numbers below solve these
 three states. Lift acts along the angle of attack until the stall, turns are coordinated (no sideslip), and the roll
-loop is a first-order lag of 0.165 s (measured: 63 % after 0.16-0.22 s, 90 % after 0.37-0.41 s, no overshoot).
+loop is a first-order lag (StubConfig.roll_lag_s), 0.165 s: measured, 63 % after 0.16-0.22 s, 90 % after 0.37-0.41 s, no
+overshoot.
 
 Axes as in kinematics.py. Airspeed V [m/s], flight path angle gamma [rad, up], both relative to the air.
 """
@@ -20,7 +21,7 @@ PARASITE = 0.0733  # drag acceleration / V^2, 1/m
 INDUCED = 369.0 / G**2  # drag acceleration V^2 / lift^2
 THRUST = 15.7  # acceleration of full thrust, m/s2
 ALPHA_STALL = math.radians(14.0)
-ROLL_TAU_S, PITCH_TAU_S, MOTOR_TAU_S = 0.165, 0.25, 0.15
+PITCH_TAU_S, MOTOR_TAU_S = 0.25, 0.15
 STALL_LIFT_SHARE = 0.7  # of the greatest lift that is left beyond the stall
 ROLL_WHEN_STALLED = math.radians(25.0)  # a wing drops
 LEAST_AIRSPEED = 1.0
@@ -29,9 +30,11 @@ LEAST_AIRSPEED = 1.0
 class FixedWing:
     """Place, velocity and attitude of an airplane. The public fields are those of Multirotor."""
 
-    def __init__(self, dt_s: float, north_m: float, east_m: float, height_m: float, yaw_rad: float) -> None:
+    def __init__(
+        self, dt_s: float, north_m: float, east_m: float, height_m: float, yaw_rad: float, roll_lag_s: float
+    ) -> None:
         self.dt_s = dt_s
-        self._roll_keep = math.exp(-dt_s / ROLL_TAU_S)
+        self._roll_keep = math.exp(-dt_s / roll_lag_s)
         self._pitch_keep = math.exp(-dt_s / PITCH_TAU_S)
         self._motor_keep = math.exp(-dt_s / MOTOR_TAU_S)
         self.n, self.e, self.h = north_m, east_m, height_m

@@ -20,6 +20,7 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TextIO
 
+from sitl_stub.devices import console_of
 from sitl_stub.pace import Pace
 from sitl_stub.stub import Stub
 from sitl_stub.truth import Truth
@@ -52,10 +53,11 @@ class Pty:
         with contextlib.suppress(BlockingIOError):
             os.write(self._ours, data)
 
-    def discard_input(self) -> None:
-        """Throw away what the app wrote to the device."""
+    def typed(self) -> bytes:
+        """Return what the app wrote to the device."""
         with contextlib.suppress(BlockingIOError, OSError):
-            os.read(self._ours, 4096)
+            return os.read(self._ours, 4096)
+        return b""
 
     def close(self) -> None:
         """Close both ends."""
@@ -81,6 +83,7 @@ class Server:
     ) -> None:
         """`endpoints`: UDP ports by link; `pty`: where the bytes of the link "device" go if it has no UDP port."""
         self.stub, self.speed, self._pty = stub, speed, pty
+        self._console = console_of(stub.config.device)
         self._truth, self._pace = truth, pace
         self.lock = threading.Lock()  # held while the stub changes; for truth() from another thread
         self._selector = selectors.SelectSelector()  # epoll would wake up to a millisecond late
@@ -159,9 +162,9 @@ class Server:
 
     def _write(self) -> None:
         if self._pty is not None:
+            self._pty.write(self._console.hear(self._pty.typed(), self.stub.now_s))
             for report in self.stub.take("device"):
-                self._pty.write(report)
-            self._pty.discard_input()
+                self._pty.write(self._console.says(report))
         for link, opened in self._sockets.items():
             datagrams = self.stub.take(link)
             peer = self._peers[link]

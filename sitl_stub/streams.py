@@ -219,7 +219,7 @@ def home_position(a: Autopilot) -> tuple[Any, ...]:
     lat, lon = lat_lon_deg(a.home_n, a.home_e)
     place = (a.home_n - a.origin_n, a.home_e - a.origin_e, a.origin_h)
     fields = (_round(lat * 1e7), _round(lon * 1e7), _round(HOME_AMSL_M * 1e3), *place)
-    return (*fields, (1.0, 0.0, 0.0, 0.0), 0.0, 0.0, 0.0, a.boot_us)
+    return (*fields, quaternion(0.0, 0.0, a.home_yaw), 0.0, 0.0, 0.0, a.boot_us)
 
 
 def vibration(a: Autopilot) -> tuple[Any, ...]:
@@ -267,6 +267,7 @@ CONDITIONS: dict[int, Callable[[Autopilot], bool]] = {
     85: lambda a: not a.fixed_wing or not a.commander.armed or _flies_itself(a),
     87: lambda a: _flies_itself(a) and _has_position(a),
     231: lambda a: not a.commander.landed,
+    242: lambda a: a.has_home,
 }
 
 BUILDERS: dict[int, Callable[[Autopilot], tuple[Any, ...]]] = {

@@ -17,7 +17,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from circumnav_mav.study import compare
-from circumnav_mav.study.scenarios import SCENARIOS, Scenario
+from circumnav_mav.study.scenarios import PLANNED_LAG_S, SCENARIOS, Scenario
 from circumnav_mav.study.simulate import Pilot
 from tests.lockstep import Rig, airborne, config
 
@@ -28,6 +28,7 @@ ROWS = (
     "R_moving",
     "R_outliers",
     "R_dropout",
+    "R_lag1",
     "R_sigma5",
     "R_1Hz",
     "R_2Hz_sigma5",
@@ -46,11 +47,12 @@ def rig_of(s: Scenario, seed: int, law: str = "tangent", estimator: str = "drift
     draw = random.Random(f"{s.name} {seed}")
     wind, target, bearing, heading = (draw.uniform(-math.pi, math.pi) for _ in range(4))
     period_s = s.range_every * s.control_s
+    slow = s.lag_s > PLANNED_LAG_S["R"]  # a lag as long, and as wrongly believed, as in the study's row
     app = config(
         vehicle={"class": "px4_fixed_wing"},
         # The airplane flies the airspeed that is shown: so much more, and it is SPEED_M_S in truth.
         orbit={"radius_m": s.r_a_m, "speed_m_s": SPEED_M_S * s.believed_speed},
-        law={"name": law},
+        law={"name": law, "lag_s": PLANNED_LAG_S["R"]} if slow else {"name": law},
         estimator={"name": estimator},
         ranging={"sigma_m": s.sigma_r_m, "max_age_s": max(1.0, 3.0 * period_s)},
         limits={"turn_accel_rad_s2": 0.5, "bank_deg": BANK_DEG},
@@ -68,6 +70,7 @@ def rig_of(s: Scenario, seed: int, law: str = "tangent", estimator: str = "drift
         beacon_east_m_s=s.target_m_s * math.cos(target),
         beacon_north_m_s=s.target_m_s * math.sin(target),
         airspeed_scale=s.believed_speed,
+        **({"roll_lag_s": s.lag_s} if slow else {}),
         range_sigma_m=s.sigma_r_m,
         range_rate_hz=1.0 / period_s,
         range_max_m=5000.0,

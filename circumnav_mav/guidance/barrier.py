@@ -48,6 +48,23 @@ def margin_m(sigma_m: float, speed_m_s: float, reaction_s: float) -> float:
     return 3.0 * sigma_m + SWING * speed_m_s * reaction_s
 
 
+OUTWARDS = 0.5
+"""Cosine to the line of sight on which no drift of up to half the speed turns the range over again."""
+TIE = 0.1
+"""Share of the margin that the worse side may be worse by and count as equal: more of it, and the band pays for it."""
+HEAD_ON = 0.1
+"""Sine to the line of sight below which the target is on neither side."""
+
+
+def least_room_m(speed_m_s: float, u_max: float) -> float:
+    """Return how wide a band must be to be kept, m, and how far r_max must be off beside two margins.
+
+    The hardest turn is a circle so far across: past the target it leads that far out, and between two limits nearer to
+    each other the turn away from one leads into the other.
+    """
+    return 2.0 * speed_m_s / (RESERVE * u_max)
+
+
 STEPS = 24
 """Points in which a turn that drifts is walked along: 1 % of its radius between them."""
 
@@ -70,7 +87,8 @@ def drift_of(est: Estimate, turned: float = 0.0) -> Drift:
 def walk(r: float, theta: float, rho: float, turn: float, time_s: float, drift: Drift, sign: float) -> float:
     """Return the nearest (sign +1) or farthest (-1) point of the hardest turn in a drift, m.
 
-    It ends where the range turns over. time_s: of a full turn. Other arguments as for `nearest`.
+    It ends where the range opens (closes) and goes on to do so on a straight course, whatever the drift: a turn towards
+    the target that opens at first is not taken for a way out. time_s: of a full turn. Other arguments as for `nearest`.
     """
     best = r
     for i in range(1, STEPS + 1):
@@ -78,9 +96,10 @@ def walk(r: float, theta: float, rho: float, turn: float, time_s: float, drift: 
         x = r * cos(theta) - rho * sin(angle) - drift.ahead * time
         y = -r * sin(theta) - turn * rho * (1.0 - cos(angle)) - drift.left * time
         now = hypot(x, y)
-        if sign * (now - best) >= 0.0:
+        if sign * (now - best) < 0.0:
+            best = now
+        elif sign * (x * cos(angle) + turn * y * sin(angle)) < -OUTWARDS * now:
             break
-        best = now
     return best
 
 
@@ -113,12 +132,13 @@ def within(u: float, est: Estimate, band: Band) -> float:
         return farthest(r, theta, rho, turn) if still else walk(r, theta, rho, turn, time_s, drift, -1.0)
 
     # Away from the target, to the side that stays further off; head on, to the side where the orbit lies.
+    aside = band.side if abs(sin(theta)) < HEAD_ON else (1.0 if sin(theta) > 0.0 else -1.0)
     left, right = near(+1.0), near(-1.0)
-    away = band.side if abs(left - right) < band.margin else (1.0 if left > right else -1.0)
+    away = (1.0 if left > right else -1.0) if abs(left - right) > TIE * band.margin else aside
     least = left if away > 0.0 else right
     u = _blend(u, away * band.u_max, (band.r_min + 2.0 * band.margin - least) / band.margin)
     left, right = far(+1.0), far(-1.0)
-    back = -band.side if abs(left - right) < band.margin else (1.0 if left < right else -1.0)
+    back = (1.0 if left < right else -1.0) if abs(left - right) > TIE * band.margin else -aside
     most = left if back > 0.0 else right
     return _blend(u, back * band.u_max, (most + 2.0 * band.margin - band.r_max) / band.margin)
 

@@ -7,16 +7,19 @@ tick(now_s, status)        on the fixed grid: phase -> estimate -> law -> limite
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from math import inf, isfinite, isnan, nan
 from typing import NamedTuple
 
 from circumnav_mav.guidance.barrier import Band, margin_m, within
 from circumnav_mav.guidance.estimators import make
+from circumnav_mav.guidance.estimators.flying import FlyingEstimator
+from circumnav_mav.guidance.height_choice import HeightChoice
 from circumnav_mav.guidance.kernel import Estimate, EstimatorContext, Law, LawContext, Motion, mirror
 from circumnav_mav.guidance.laws import LAWS
 from circumnav_mav.guidance.limiter import TurnRateLimiter
 from circumnav_mav.guidance.phases import ENGAGED, Facts, Phase, step
-from circumnav_mav.guidance.slant import level
+from circumnav_mav.guidance.slant import horizontal
 from circumnav_mav.types import RangeSample, Rejected, TurnRateSetpoint
 
 BAND_SHARE = 0.05
@@ -42,6 +45,8 @@ class GuidanceSettings:
     sigma_m: float
     height_m: float = nan
     target_height_m: float = nan
+    choose_height: bool = False
+    """Find out in flight whether ranges are horizontal, or slant to a target at the height of the take-off."""
     r_min_m: float = -inf
     r_max_m: float = inf
 
@@ -91,7 +96,10 @@ class GuidanceComputer:
         self._settings = s
         self._law: Law = LAWS[s.law]
         self._parameters = self._law.parameters({**self._law.options, **s.law_options}, s.context)
-        self.estimator = make(s.estimator, s.estimator_options, estimator_context(s))
+        build = partial(make, s.estimator, s.estimator_options, estimator_context(s))
+        self._estimator = build()
+        self.choice = HeightChoice(build) if s.choose_height else None
+        """Whether ranges are slant, where that is to be found out in flight."""
         missing = set(self._law.needs) - self.estimator.gives - {"V"}
         if missing:
             raise ValueError(
@@ -110,34 +118,46 @@ class GuidanceComputer:
         self.hold_height_m = nan
         """Above home; as configured, or as it was when control began."""
 
+    @property
+    def estimator(self) -> FlyingEstimator:
+        """The estimator that is flown on."""
+        return self._estimator if self.choice is None else self.choice.flown
+
+    @property
+    def restarts(self) -> int:
+        """Times that the ranges outvoted all that was believed."""
+        return self._estimator.restarts if self.choice is None else self.choice.restarts
+
+    @property
+    def returns(self) -> int:
+        """Times that they came back to what had been believed: echoes had outvoted it."""
+        return self._estimator.returns if self.choice is None else self.choice.returns
+
     def on_sample(self, sample: RangeSample, motion: Motion, height_m: float, climb_m_s: float) -> Rejected | None:
         """Use a range; return why not where it is not used. height_m, climb_m_s: the vehicle's, NaN unknown."""
-        flat = self._horizontal(sample, height_m, climb_m_s)
-        if isinstance(flat, Rejected):
-            return flat
-        rejected = self.estimator.on_sample(flat, self._motion(motion)[0])
+        # A sensor may claim more than was configured. Less is not believed: DISTANCE_SENSOR's ends at 16 cm.
+        sigma = max(self._settings.sigma_m, self._settings.sigma_m if isnan(sample.sigma_m) else sample.sigma_m)
+        sample = RangeSample(sample.t_s, sample.range_m, sample.range_rate_m_s, sigma, sample.beacon_id)
+        flown = self._motion(motion)[0]
+        if self.choice is not None:
+            rejected = self.choice.on_sample(sample, flown, height_m, climb_m_s)
+        else:
+            rejected = self._use(sample, flown, height_m, climb_m_s)
         if rejected is None:
             self._fresh_s = sample.t_s
         return rejected
 
-    def _horizontal(self, sample: RangeSample, height_m: float, climb_m_s: float) -> RangeSample | Rejected:
-        """Slant range R to horizontal range, r = sqrt(R^2 - h^2), where the target's height is configured."""
-        # A sensor may claim more than was configured. Less is not believed: DISTANCE_SENSOR's ends at 16 cm.
-        sigma = max(self._settings.sigma_m, self._settings.sigma_m if isnan(sample.sigma_m) else sample.sigma_m)
-        if isnan(self._settings.target_height_m):
-            return RangeSample(sample.t_s, sample.range_m, sample.range_rate_m_s, sigma, sample.beacon_id)
-        above = height_m - self._settings.target_height_m
-        if isnan(above):
-            return Rejected(sample.t_s, "no_height", "the slant range needs a height, and the autopilot sends none")
-        flat = level(sample.range_m, sample.range_rate_m_s, sigma, above, climb_m_s, 0.0)
-        if flat.overhead:
-            return Rejected(sample.t_s, "overhead", f"slant {sample.range_m:.1f} m at {above:.1f} m above the target")
-        return RangeSample(sample.t_s, flat.r, flat.r_dot, flat.sigma_r, sample.beacon_id)
+    def _use(self, sample: RangeSample, motion: Motion, height_m: float, climb_m_s: float) -> Rejected | None:
+        """Horizontal ranges as they are, slant ones where the target's height is configured."""
+        flat: RangeSample | Rejected = sample
+        if not isnan(self._settings.target_height_m):
+            flat = horizontal(sample, height_m - self._settings.target_height_m, climb_m_s)
+        return flat if isinstance(flat, Rejected) else self._estimator.on_sample(flat, motion)
 
     def tick(self, now_s: float, status: Status) -> Decision:
         """Decide at `now_s`."""
         motion, source = self._motion(status.motion)
-        self.estimator.advance(now_s, motion)
+        (self.choice or self._estimator).advance(now_s, motion)
         estimate = self.estimator.at(now_s, motion)
         if estimate is not None and not (isfinite(estimate.r) and estimate.r > 0.0):
             estimate = None

@@ -95,16 +95,18 @@ class Memory(NamedTuple):
     """What an estimator remembers besides its hypotheses: the same few numbers for all of them."""
 
     known: float = 0.0  # 1 once the estimate is fit to fly on
-    verdict: float = 0.0  # on the last reading: ACCEPTED, OUTLIER or RESTARTED
+    verdict: float = 0.0  # on the last reading: ACCEPTED, OUTLIER, RESTARTED or RETURNED
     nis: float = NAN  # normalised innovation squared of the last reading that was used
     alarm: float = 0.0  # smoothed evidence that the hypotheses do not explain the readings
     rival_r: float = NAN  # the range that readings refused by the gate agree on, m
     rival_age: float = 0.0  # since the rival was last confirmed, s
-    votes: float = 0.0  # readings for the rival, less those against it
+    votes: float = 0.0  # for the rival, less those against it; 1 wins
     error: float = NAN  # the last reading, used or not, minus the range that the leader had expected, m
+    shelf_s: float = NAN  # how long a belief that fell has been kept, the last of the bank; NaN: none is
+    shelf_votes: float = 0.0  # for that one, less those against it
 
 
-ACCEPTED, OUTLIER, RESTARTED = 0.0, 1.0, 2.0
+ACCEPTED, OUTLIER, RESTARTED, RETURNED = 0.0, 1.0, 2.0, 3.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,5 +140,6 @@ class Estimator:
     """Where each hypothesis has the target, m, all in one frame; None where the estimator has no place."""
 
 
-SOURCES = frozenset({"range", "speed", "turn_rate", "heading", "airspeed"})
-"""What an estimator can ask of sensors; the app refuses one whose sources the vehicle does not have."""
+SOURCES = frozenset({"range", "speed", "turn_rate", "heading"})
+"""What an estimator can ask of sensors: ranges of ranging.source, the rest of the autopilot (speed: the one that the
+vehicle class flies by). A configuration whose class does not have what its estimator needs is refused."""

@@ -10,6 +10,8 @@ from __future__ import annotations
 from math import hypot, isnan, nan, sqrt
 from typing import NamedTuple
 
+from circumnav_mav.types import RangeSample, Rejected
+
 STEEPEST = 0.25
 """Least r / R that is used: the line of sight then dips 75.5 deg, and an error of R counts four times."""
 
@@ -42,3 +44,13 @@ def level(
 def least_level(h: float, steepest: float = STEEPEST) -> float:
     """Return the least horizontal range [m] that `level` gives at a height h [m] above, or below, the target."""
     return abs(h) * steepest / sqrt(1.0 - steepest * steepest)
+
+
+def horizontal(sample: RangeSample, above_m: float, climb_m_s: float) -> RangeSample | Rejected:
+    """Return a slant range on the ground plane. above_m: height above the target, NaN unknown; climb_m_s: its rate."""
+    if isnan(above_m):
+        return Rejected(sample.t_s, "no_height", "the slant range needs a height, and the autopilot sends none")
+    flat = level(sample.range_m, sample.range_rate_m_s, sample.sigma_m, above_m, climb_m_s, 0.0)
+    if flat.overhead:
+        return Rejected(sample.t_s, "overhead", f"slant {sample.range_m:.1f} m at {above_m:.1f} m above the target")
+    return RangeSample(sample.t_s, flat.r, flat.r_dot, flat.sigma_r, sample.beacon_id)

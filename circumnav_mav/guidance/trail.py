@@ -41,16 +41,10 @@ def onward(place: Place, t_s: float, motion: Motion) -> Place:
 
 def between(a: Place, b: Place, motion: Motion) -> Moved:
     """Return the motion from one place to another, with the speed and turn rate of `motion` at the second."""
-    dx, dy, c, s = b.x - a.x, b.y - a.y, cos(a.heading), sin(a.heading)
-    return Moved(
-        b.t_s - a.t_s,
-        dx * c + dy * s,
-        dy * c - dx * s,
-        b.heading - a.heading,
-        motion.V,
-        motion.u,
-        b.heading + b.north,
-    )
+    t0_s, x0, y0, heading, _ = a
+    t_s, x, y, later, north = b
+    dx, dy, c, s = x - x0, y - y0, cos(heading), sin(heading)
+    return Moved(t_s - t0_s, dx * c + dy * s, dy * c - dx * s, later - heading, motion.V, motion.u, later + north)
 
 
 class Trail:

@@ -15,7 +15,7 @@ from circumnav_mav.ranging import (
     replay,
     us_d1,
 )
-from circumnav_mav.ranging.plug import ByteSource, MessageSource, Settings, Source
+from circumnav_mav.ranging.plug import ByteSource, MessageSource, Settings, Source, carried
 from circumnav_mav.ranging.receiver import ByteReceiver, MessageReceiver, check_options
 
 SOURCES: dict[str, Source] = {
@@ -47,4 +47,13 @@ def open_receiver(name: str, settings: Settings) -> MessageReceiver | ByteReceiv
     return ByteReceiver(source, settings)
 
 
-__all__ = ["SOURCES", "ByteReceiver", "ByteSource", "MessageReceiver", "MessageSource", "Settings", "open_receiver"]
+__all__ = [
+    "SOURCES",
+    "ByteReceiver",
+    "ByteSource",
+    "MessageReceiver",
+    "MessageSource",
+    "Settings",
+    "carried",
+    "open_receiver",
+]

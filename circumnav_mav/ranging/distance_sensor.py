@@ -40,4 +40,6 @@ SOURCE = MessageSource(
     message_ids=(132,),
     read=read,
     resolution_m=1.0 / CM,
+    carries=frozenset({"sensor_id", "orientation", "quality_pct", "stamp_s"}),
+    most_m=655.36,
 )

@@ -12,15 +12,21 @@ from circumnav_mav.ranging.plug import NAN, Reading, Reason
 from circumnav_mav.types import RangeSample, Rejected
 
 STUCK_LEAST_REPEATS = 5
+MOST_RATE_M_S = 1000.0
+"""A range rate beyond this is no measurement, whatever flies."""
 
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """min_m, max_m, min_quality_pct: NaN = no limit; stuck_s: 0 = never judged."""
+    """min_m, max_m, min_quality_pct: NaN = no limit; stuck_s: 0 = never judged.
+
+    most_m: the source's own bound, which a max_m that is given takes the place of.
+    """
 
     max_age_s: float = 1.0
     min_m: float = NAN
     max_m: float = NAN
+    most_m: float = NAN
     min_quality_pct: float = NAN
     stuck_s: float = 0.0
 
@@ -64,8 +70,24 @@ class Gate:
                 f"{reading.range_m:.2f} m is outside the sensor's own {reading.least_m:.2f} to {reading.most_m:.2f} m",
             )
         if r_m <= 0.0 or r_m < limits.min_m or r_m > limits.max_m:
-            return Rejected(now_s, Reason.OUT_OF_RANGE, f"{r_m:.2f} m is outside the configured limits or not positive")
-        return None
+            return Rejected(now_s, Reason.OUT_OF_RANGE, f"{r_m:.6g} m is outside the configured limits or not positive")
+        return self._judge_possible(sample, now_s)
+
+    def _judge_possible(self, sample: RangeSample, now_s: float) -> Rejected | None:
+        """Reject what no device can have measured: a garbled or sentinel number is finite as often as not."""
+        limits = self._limits
+        most_m = limits.most_m if math.isnan(limits.max_m) else limits.max_m
+        if sample.range_m > most_m:
+            text = (
+                f"{sample.range_m:.4g} m is farther than such a sensor ranges ({most_m:g} m): set ranging.max_m if not"
+            )
+        elif sample.sigma_m > most_m:
+            text = f"a claimed sigma of {sample.sigma_m:.4g} m, over {most_m:g} m, says that nothing was measured"
+        elif abs(sample.range_rate_m_s) > MOST_RATE_M_S:
+            text = f"a range rate of {sample.range_rate_m_s:.4g} m/s is no measurement"
+        else:
+            return None
+        return Rejected(now_s, Reason.OUT_OF_RANGE, text)
 
     def _judge_time(self, reading: Reading, sample: RangeSample, now_s: float) -> Rejected | None:
         age_s = now_s - sample.t_s

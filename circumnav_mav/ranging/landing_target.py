@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from circumnav_mav.ranging.plug import NAN, MessageSource, Reading, Reason
+from circumnav_mav.ranging.plug import BYTE, NAN, MessageSource, Reading, Reason
 from circumnav_mav.types import Rejected
 
 
@@ -24,5 +24,7 @@ SOURCE = MessageSource(
     message_ids=(149,),
     read=read,
     resolution_m=0.0,
-    has_beacon_id=True,
+    carries=frozenset({"beacon_id", "stamp_s"}),
+    most_beacon_id=BYTE,
+    most_m=10_000.0,
 )

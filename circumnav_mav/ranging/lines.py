@@ -14,11 +14,12 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from circumnav_mav.ranging.framing import LineDecoder, not_understood
-from circumnav_mav.ranging.plug import NAN, ByteDecoder, ByteSource, Reading, finite, number
+from circumnav_mav.ranging.plug import FARTHEST_M, NAN, ByteDecoder, ByteSource, Reading, finite, number
 from circumnav_mav.ranging.units import LENGTH, SPEED, TIME
 from circumnav_mav.types import Rejected
 
 FIELDS = ("range", "rate", "sigma", "time", "beacon_id", "quality")
+CARRIED_AS = {"time": "stamp_s", "beacon_id": "beacon_id", "quality": "quality_pct"}
 
 Extract = Callable[[str], Mapping[str, Any] | None]
 
@@ -29,9 +30,12 @@ def decoder(options: Mapping[str, Any]) -> ByteDecoder:
     range_si = _unit(options, "range_unit", LENGTH, "m")
     rate_si = _unit(options, "rate_unit", SPEED, "m/s")
     time_si = _unit(options, "time_unit", TIME, "s")
-    base = int(number(options, "id_base", 10, least=2))
+    wanted = number(options, "id_base", 10, least=2)
+    base = int(wanted)
     if base > 36:
         raise ValueError("ranging.id_base must be at most 36")
+    if base != wanted:
+        raise ValueError(f"ranging.id_base is {wanted:g}, but must be a whole number")
 
     def parse(line: str, now_s: float) -> list[Reading | Rejected]:
         if ignore is not None and ignore.search(line):
@@ -98,6 +102,12 @@ def _extractor(options: Mapping[str, Any]) -> Extract:
     return by_path
 
 
+def named(options: Mapping[str, Any]) -> frozenset[str]:
+    """Return the fields of a Reading that the pattern or the paths name, other than range, rate and sigma."""
+    names = re.compile(str(options["pattern"])).groupindex if "pattern" in options else options["json"]
+    return frozenset(CARRIED_AS[name] for name in names if name in CARRIED_AS)
+
+
 def _walk(document: Any, path: list[str]) -> Any:
     for step in path:
         if isinstance(document, dict):
@@ -136,8 +146,10 @@ SOURCE = ByteSource(
     summary="any device that sends lines: by a regular expression or JSON paths, with units",
     decoder=decoder,
     resolution_m=0.01,
-    has_beacon_id=True,
+    carries=frozenset({"beacon_id", "quality_pct", "stamp_s"}),
+    most_m=FARTHEST_M,
     has_rate=True,
+    named=named,
     options={
         "pattern": "regular expression with named groups: range, and if present rate, sigma, time, beacon_id, quality",
         "json": "the same fields as paths into one JSON object a line, such as {range: data.0.distance}",

@@ -13,7 +13,7 @@ from struct import unpack_from
 from typing import Any, NamedTuple
 
 from circumnav_mav.ranging.framing import NEED_MORE, NO_FRAME, FrameScanner
-from circumnav_mav.ranging.plug import NAN, ByteSource, Reading, Reason, number
+from circumnav_mav.ranging.plug import BYTE, NAN, ByteSource, Reading, Reason, number
 from circumnav_mav.types import Rejected
 
 HEAD = 0x55
@@ -85,7 +85,9 @@ SOURCE = ByteSource(
     summary="Nooploop LinkTrack UWB, NLink NodeFrame2 or NodeFrame3: millimetres, several nodes by id",
     decoder=Decoder,
     resolution_m=0.001,
-    has_beacon_id=True,
+    carries=frozenset({"beacon_id", "sensor_id", "stamp_s"}),
+    most_beacon_id=BYTE,
+    most_m=10_000.0,
     baud=921_600,
     options={
         "max_path_gap_db": "reject a range whose first path is this much weaker than the total signal: no line of sight"

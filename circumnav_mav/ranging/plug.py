@@ -15,6 +15,12 @@ from typing import Any, Protocol, TypeAlias
 from circumnav_mav.types import Rejected
 
 NAN = math.nan
+BYTE, TWO_BYTES = 0xFF, 0xFFFF
+"""Greatest numbers of the fields that carry ids."""
+
+
+FARTHEST_M = 100_000.0
+"""For a source that can be any radio: past the horizon of anything that flies low."""
 
 
 class Reason(StrEnum):
@@ -28,7 +34,7 @@ class Reason(StrEnum):
     DECOY_ORIENTATION = "decoy_orientation"  # looks elsewhere: a downward range finder, or not the configured one
     INVALID_QUALITY = "invalid_quality"  # the device calls it invalid, or its quality is below the least
     NOT_FINITE = "not_finite"
-    OUT_OF_RANGE = "out_of_range"  # outside the device's own limits or the configured ones
+    OUT_OF_RANGE = "out_of_range"  # outside the device's own limits, the configured ones, or what can be at all
     STALE = "stale"  # older than max_age_s when it arrived
     TIME_BACKWARDS = "time_backwards"  # older than the sample before it
     DUPLICATE = "duplicate"  # the same measurement again
@@ -83,6 +89,11 @@ class Settings:
     options: Mapping[str, Any] = field(default_factory=dict)
 
 
+CARRIED = ("beacon_id", "sensor_id", "orientation", "quality_pct", "stamp_s")
+"""Fields of a Reading that keys of the `ranging:` section choose or judge by, and that not every source has."""
+NOTHING: frozenset[str] = frozenset()
+
+
 class ByteDecoder(Protocol):
     """Turns one device's byte stream into Readings: any bytes, in any pieces, never an exception, bounded memory."""
 
@@ -98,8 +109,10 @@ class MessageSource:
     message_ids: tuple[int, ...]
     read: Callable[[Any, float], Reading | Rejected]  # (object with the message's fields, now_s)
     resolution_m: float  # least step of the range
+    most_m: float  # farther than any device of its kind ranges: what counts as no range where max_m is not given
     has_rate: bool = False
-    has_beacon_id: bool = False  # ranging.beacon_id can choose
+    carries: frozenset[str] = NOTHING  # which of CARRIED its readings may have
+    most_beacon_id: float = math.inf
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,14 +123,23 @@ class ByteSource:
     summary: str
     decoder: Callable[[Mapping[str, Any]], ByteDecoder]  # options of the `ranging:` section -> a fresh decoder
     resolution_m: float
+    most_m: float
     baud: int = 115_200
     has_rate: bool = False
-    has_beacon_id: bool = False  # ranging.beacon_id can choose
+    carries: frozenset[str] = NOTHING  # which of CARRIED its readings may have
+    most_beacon_id: float = math.inf
+    named: Callable[[Mapping[str, Any]], frozenset[str]] | None = None  # options -> those of `carries` that they name
     options: Mapping[str, str] = field(default_factory=dict)  # every key it understands, with what it means
     start: tuple[tuple[float, bytes], ...] = ()  # (wait s, send) steps that make a silent device talk
 
 
 Source: TypeAlias = MessageSource | ByteSource
+
+
+def carried(source: Source, options: Mapping[str, Any]) -> frozenset[str]:
+    """Return which of CARRIED the source's readings may have with these options, which are valid ones."""
+    named = source.named if isinstance(source, ByteSource) else None
+    return source.carries if named is None else source.carries & named(options)
 
 
 def number(options: Mapping[str, Any], key: str, default: float, least: float = -math.inf) -> float:

@@ -20,4 +20,5 @@ SOURCE = MessageSource(
     message_ids=(173,),
     read=read,
     resolution_m=0.01,
+    most_m=10_000.0,
 )

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from circumnav_mav.ranging.plug import NAN, MessageSource, Reading, Reason
+from circumnav_mav.ranging.plug import FARTHEST_M, NAN, TWO_BYTES, MessageSource, Reading, Reason
 from circumnav_mav.types import Rejected
 
 MM = 1000.0  # a metre
@@ -36,5 +36,7 @@ SOURCE = MessageSource(
     message_ids=(513,),
     read=read,
     resolution_m=1.0 / MM,
-    has_beacon_id=True,
+    carries=frozenset({"beacon_id", "quality_pct", "stamp_s"}),
+    most_beacon_id=TWO_BYTES,
+    most_m=FARTHEST_M,
 )

@@ -60,11 +60,13 @@ class _Receiver:
         self.heard: dict[Channel, float] = {}
         """The last range [m] of every channel heard, flown on or not: what from, sensor_id, beacon_id choose from."""
         self._settings = settings
-        self._names_beacon = source.has_beacon_id
+        self._names_beacon = "beacon_id" in source.carries
         stuck_s = settings.stuck_s
         if stuck_s is None:
             stuck_s = STUCK_S if source.resolution_m <= FINE_RESOLUTION_M else 0.0
-        self._limits = Limits(settings.max_age_s, settings.min_m, settings.max_m, settings.min_quality_pct, stuck_s)
+        self._limits = Limits(
+            settings.max_age_s, settings.min_m, settings.max_m, source.most_m, settings.min_quality_pct, stuck_s
+        )
         self._gate = Gate(self._limits)
         self._clock = StampClock(DOUBT_SHARE * settings.max_age_s)
         self._shared = SharedClock()

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 
 from circumnav_mav.ranging.framing import LineDecoder, not_understood
-from circumnav_mav.ranging.plug import NAN, ByteSource, Reading, finite
+from circumnav_mav.ranging.plug import FARTHEST_M, NAN, ByteSource, Reading, finite
 from circumnav_mav.types import RangeSample, Rejected
 
 HEADER = "t_s,range_m,range_rate_m_s,sigma_m,beacon_id"
@@ -64,6 +64,7 @@ SOURCE = ByteSource(
     summary="a file of recorded ranges: t_s, range_m [, range_rate_m_s [, sigma_m [, beacon_id]]]",
     decoder=lambda options: LineDecoder(parse),
     resolution_m=0.01,
-    has_beacon_id=True,
+    carries=frozenset({"beacon_id", "stamp_s"}),
+    most_m=FARTHEST_M,
     has_rate=True,
 )

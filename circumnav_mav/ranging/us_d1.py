@@ -48,5 +48,6 @@ SOURCE = ByteSource(
     summary="Ainstein US-D1 radar: centimetres",
     decoder=Decoder,
     resolution_m=0.01,
+    most_m=655.36,
     options={"min_snr": "reject ranges with a smaller signal-to-noise byte, 0 as delivered"},
 )

@@ -53,6 +53,13 @@ def demo_config(config: Config | None) -> Config:
     )
 
 
+def demo_note(config: Config | None) -> str:
+    """Return what the demo flies otherwise than the file says (or the defaults, without one); empty for nothing."""
+    if (config or Config()).ranging.target_height_m is not None:
+        return ""
+    return "ranging.target_height_m is null, and the stub's beacon is on the ground: the demo flew with 0"
+
+
 def _stub_radio(ranging: Ranging) -> Ranging:
     """Return how the stub's radio is heard, whatever radio the file names: it sends DISTANCE_SENSOR on the vehicle's
     link, and the beacon stands on the ground. What concerns the flight (ages, noise, bias) stays the file's.

@@ -8,20 +8,25 @@ from circumnav_mav.range_feed import RangeFeed
 from circumnav_mav.runtime.mavsdk_link import MavsdkLink
 from circumnav_mav.runtime.replay_link import ReplayLink
 from circumnav_mav.runtime.serial_port import SerialLink
-from circumnav_mav.runtime.stream import Steps
+from circumnav_mav.runtime.stream import Steps, Understood
 from circumnav_mav.runtime.tcp import TcpClient, TcpServer
 from circumnav_mav.runtime.transport import Transport
 from circumnav_mav.runtime.udp import UdpLink
 
 
-def open_link(endpoint: Endpoint, *, default_baud: int = USUAL_BAUD, steps: Steps = ()) -> Transport:
-    """Open a link; `steps` make a silent device talk. Raises LinkError, in words, where it cannot be opened."""
+def open_link(
+    endpoint: Endpoint, *, default_baud: int = USUAL_BAUD, steps: Steps = (), understood: Understood = lambda: 0
+) -> Transport:
+    """Open a link; `steps` make a device talk of which nothing is `understood`, where it is a stream.
+
+    Raises LinkError, in words, where it cannot be opened.
+    """
     if endpoint.kind == "serial":
-        return SerialLink(endpoint, default_baud, steps)
+        return SerialLink(endpoint, default_baud, steps, understood)
     if endpoint.kind == "tcpout":
-        return TcpClient(endpoint, steps)
+        return TcpClient(endpoint, steps, understood)
     if endpoint.kind == "tcpin":
-        return TcpServer(endpoint, steps)
+        return TcpServer(endpoint, steps, understood)
     if endpoint.kind == "file":
         return ReplayLink(endpoint)
     return UdpLink(endpoint)
@@ -35,4 +40,4 @@ def open_vehicle_link(vehicle: Vehicle) -> Transport:
 
 def open_ranging_link(endpoint: Endpoint, feed: RangeFeed) -> Transport:
     """Open the radio's own endpoint, at the device's own speed and with what makes it talk. Raises LinkError."""
-    return open_link(endpoint, default_baud=feed.baud, steps=feed.start)
+    return open_link(endpoint, default_baud=feed.baud, steps=feed.start, understood=lambda: feed.understood)

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from circumnav_mav.endpoint import Endpoint
-from circumnav_mav.runtime.stream import READ_BYTES, Steps, StreamLink, unsent
+from circumnav_mav.runtime.stream import READ_BYTES, Steps, StreamLink, Understood, unsent
 from circumnav_mav.runtime.transport import LinkError
 
 QUEUED_S = 0.1
@@ -52,10 +52,12 @@ class SerialChannel:
 class SerialLink(StreamLink):
     """A serial port. Raises LinkError, in words, where it cannot be opened at the start."""
 
-    def __init__(self, endpoint: Endpoint, default_baud: int, steps: Steps = ()) -> None:
+    def __init__(
+        self, endpoint: Endpoint, default_baud: int, steps: Steps = (), understood: Understood = lambda: 0
+    ) -> None:
         baud = endpoint.baud or default_baud
         self._baud = baud
-        super().__init__(Endpoint("serial", path=endpoint.path, baud=baud), None, steps)
+        super().__init__(Endpoint("serial", path=endpoint.path, baud=baud), None, steps, understood)
         self._channel = self._open()
 
     def _open(self) -> SerialChannel:

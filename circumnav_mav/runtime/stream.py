@@ -9,6 +9,8 @@ from __future__ import annotations
 import fcntl
 import struct
 import termios
+from collections.abc import Callable
+from functools import partial
 from typing import Protocol
 
 from circumnav_mav.endpoint import Endpoint
@@ -19,8 +21,13 @@ MOST_READS_A_TURN = 16
 """So that a flood cannot keep the loop from its ticks."""
 MOST_READS = 1024
 
+AGAIN_S = 10.0
+"""How long a device may take to say something after the last step, before they are gone through again."""
+
 Steps = tuple[tuple[float, bytes], ...]
 """(wait s, send) steps that make a silent device talk."""
+Understood = Callable[[], int]
+"""How much of what a device said was understood so far: a device that talks is not told to."""
 
 
 class Channel(Protocol):
@@ -50,11 +57,13 @@ class StreamLink:
     whole = False
     after_loss = "trying to open it again"
 
-    def __init__(self, endpoint: Endpoint, channel: Channel | None, steps: Steps = ()) -> None:
+    def __init__(
+        self, endpoint: Endpoint, channel: Channel | None, steps: Steps = (), understood: Understood = lambda: 0
+    ) -> None:
         self.endpoint = endpoint
         self.send_errors = 0
         self._channel = channel
-        self._steps = steps
+        self._steps, self._understood = steps, understood
         self._rest = b""  # of a frame that was taken in part: it must be ended before the next one
         self._backoff = Backoff()
         self._timers: list[Timer] = []
@@ -134,10 +143,22 @@ class StreamLink:
 
     def _watch(self, loop: Loop, channel: Channel) -> None:
         loop.add_reader(channel.fileno(), self._readable)
-        wait_s = 0.0
-        for after_s, data in self._steps:
-            wait_s += after_s
-            self._timers.append(loop.call_later(wait_s, lambda data=data: self.send(data)))  # type: ignore[misc]
+        if self._steps:
+            self._wake(loop, 0, self._understood())
+
+    def _wake(self, loop: Loop, n: int, before: int, rest_s: float = 0.0) -> None:
+        """Wait for step n and do it, unless more was understood by then than before the first: then all is well."""
+        after_s, data = self._steps[n]
+        self._timers = [loop.call_later(rest_s + after_s, partial(self._step, loop, n, before, data))]
+
+    def _step(self, loop: Loop, n: int, before: int, data: bytes) -> None:
+        if self._understood() > before:
+            return
+        self.send(data)
+        if self._channel is None:
+            return  # sending it showed that the line is gone
+        last = n + 1 == len(self._steps)
+        self._wake(loop, 0 if last else n + 1, before, AGAIN_S if last else 0.0)
 
     def _readable(self) -> None:
         self.drain(MOST_READS_A_TURN)

@@ -10,7 +10,7 @@ import os
 import socket
 
 from circumnav_mav.endpoint import Endpoint
-from circumnav_mav.runtime.stream import READ_BYTES, Steps, StreamLink, unsent
+from circumnav_mav.runtime.stream import READ_BYTES, Steps, StreamLink, Understood, unsent
 from circumnav_mav.runtime.transport import LinkError, Loop, OnChange, OnData
 from circumnav_mav.runtime.udp import why
 
@@ -58,7 +58,7 @@ class TcpChannel:
 class TcpClient(StreamLink):
     """Calls one address. Raises LinkError, in words, where nobody answers at the start."""
 
-    def __init__(self, endpoint: Endpoint, steps: Steps = ()) -> None:
+    def __init__(self, endpoint: Endpoint, steps: Steps = (), understood: Understood = lambda: 0) -> None:
         try:
             # Resolved once: a look-up may block, and later there are ticks to keep.
             self._address = (socket.gethostbyname(endpoint.host), endpoint.port)
@@ -68,7 +68,7 @@ class TcpClient(StreamLink):
         if sock.getsockname() == sock.getpeername():
             sock.close()
             raise LinkError(_why(endpoint, ConnectionRefusedError()))
-        super().__init__(endpoint, TcpChannel(sock), steps)
+        super().__init__(endpoint, TcpChannel(sock), steps, understood)
         self._calling: socket.socket | None = None
 
     def _try(self) -> None:
@@ -122,7 +122,7 @@ class TcpServer(StreamLink):
 
     after_loss = "waiting for another call"
 
-    def __init__(self, endpoint: Endpoint, steps: Steps = ()) -> None:
+    def __init__(self, endpoint: Endpoint, steps: Steps = (), understood: Understood = lambda: 0) -> None:
         self._listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
         self._listener.setblocking(False)
         self._listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -132,7 +132,7 @@ class TcpServer(StreamLink):
         except OSError as error:
             self._listener.close()
             raise LinkError(why(endpoint, error)) from error
-        super().__init__(endpoint, None, steps)
+        super().__init__(endpoint, None, steps, understood)
 
     @property
     def port(self) -> int:

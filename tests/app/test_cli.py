@@ -84,13 +84,18 @@ def test_the_bound_is_promised_for_the_law_that_it_was_proven_for(tmp_path, law,
 
 
 @pytest.mark.parametrize("path", sorted((ROOT / "configs").glob("*.yaml")), ids=lambda p: p.name)
-def test_check_passes_every_shipped_configuration_and_finds_no_idle_key_in_it(path):
+def test_check_passes_every_shipped_configuration_without_a_warning(path):
     done = run("check", str(path))
     assert "does nothing" not in done.stdout
     errors = [line for line in done.stdout.splitlines() if line.startswith("ERROR")]
     # What tune starts from loses flights in its wind: docs/tuning.md counts them.
     assert len(errors) == done.exit_code == (path.name == "scenario_r.yaml")
     assert all("law hashemi2013 loses the target in wind" in line for line in errors)
+    if path.name != "scenario_r.yaml":
+        assert not [line for line in done.stdout.splitlines() if line.startswith("warning")]
+
+
+LINES = "source: lines, endpoint: /dev/ttyUSB0, pattern: "
 
 
 @pytest.mark.parametrize(
@@ -101,6 +106,14 @@ def test_check_passes_every_shipped_configuration_and_finds_no_idle_key_in_it(pa
             "ranging: {source: us_d1, endpoint: /dev/ttyUSB0, stamped_by: autopilot}",
             "ranging.stamped_by does nothing: us_d1",
         ),
+        ("ranging: {source: ranging_beacon, sensor_id: 3}", "ranging.sensor_id does nothing: ranging_beacon"),
+        ("ranging: {source: landing_target, orientation: 0}", "ranging.orientation does nothing: landing_target"),
+        ("ranging: {source: landing_target, min_quality_pct: 9}", "ranging.min_quality_pct does nothing: landing_tar"),
+        ("ranging: {source: rangefinder, use_stamps: false}", "ranging.use_stamps does nothing: rangefinder"),
+        ("ranging: {source: rangefinder, stamped_by: autopilot}", "ranging.stamped_by does nothing: rangefinder"),
+        ("ranging: {use_stamps: false, stamped_by: autopilot}", "ranging.stamped_by does nothing: use_stamps is false"),
+        (f"ranging: {{{LINES}'(?P<range>.)', from: [1, 158]}}", "ranging.from does nothing: lines is a device"),
+        (f"ranging: {{{LINES}'(?P<range>.)', min_quality_pct: 5}}", "ranging.min_quality_pct does nothing: lines"),
         ("vehicle: {pitch_deg: -4}", "vehicle.pitch_deg does nothing: px4_multirotor"),
         ("vehicle: {thrust: 0.4}", "vehicle.thrust does nothing: px4_multirotor"),
         ("limits: {bank_deg: 20}", "limits.bank_deg does nothing: px4_multirotor"),
@@ -118,12 +131,31 @@ def test_check_warns_of_a_key_that_does_nothing(tmp_path, text, words):
     "text",
     [
         "ranging: {source: ranging_beacon, beacon_id: 3}",
+        "ranging: {sensor_id: 7, orientation: 0, from: [1, 158], min_quality_pct: 5, stamped_by: autopilot}",
+        f"ranging: {{{LINES}'(?P<range>.)(?P<beacon_id>.)(?P<quality>.)', beacon_id: 3, min_quality_pct: 5}}",
         "vehicle: {class: px4_multirotor_attitude, pitch_deg: -4, thrust: 0.4}\nlimits: {bank_deg: 20}",
     ],
 )
 def test_keys_that_are_used_are_not_complained_of(tmp_path, text):
     done = run("check", written(tmp_path, text))
     assert "This" in done.stdout and "does nothing" not in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("ranging: {source: ranging_beacon, beacon_id: 65536}", "ranging_beacon carries ids up to 65535 only"),
+        ("ranging: {source: linktrack, endpoint: /dev/ttyUSB0, beacon_id: 0x1151}", "linktrack carries ids up to 255"),
+        (f"ranging: {{{LINES}'(?P<range>.)', beacon_id: 3}}", "ranging.pattern names no beacon_id"),
+        ("ranging: {source: lines, endpoint: /dev/ttyUSB0, json: {range: r}, beacon_id: 3}", "ranging.json names no"),
+        ("vehicle: {system_id: 7}\nranging: {from: [7, 191]}", "is this app itself"),
+    ],
+)
+def test_what_no_range_can_ever_match_is_a_fault_of_the_file(tmp_path, text, words):
+    done = run("check", written(tmp_path, text))
+    assert isinstance(done.exception, cli.ConfigError)
+    (line,) = str(done.exception).splitlines()
+    assert words in line
 
 
 @pytest.mark.parametrize("duration", ["-5", "0"])
@@ -189,3 +221,17 @@ limits: {{turn_accel_rad_s2: 0.5}}
 """
     done = run("check", written(tmp_path, text))
     assert ("hold in wind below a tenth" in done.stdout) == warned
+
+
+def test_a_calibration_without_a_range_says_so_in_one_line_and_writes_nothing(tmp_path):
+    file = written(tmp_path, text := "vehicle: {link: 'udpin://127.0.0.1:0'}\nranging: {bias_m: 0.1}\n")
+    done = run("ranging", file, "--calibrate", "10", "--duration", "0.1")
+    assert done.exit_code == 1
+    assert f"no range could be used: nothing is written to {file}" in done.output
+    assert "nan" not in done.output and "calibrated" not in done.output
+    assert Path(file).read_text() == text
+
+
+def test_check_shows_what_the_estimator_needs(tmp_path):
+    done = run("check", written(tmp_path, PLANE))
+    assert "estimator  drift: needs heading, range, speed, turn rate; px4_fixed_wing has them" in done.output

@@ -7,6 +7,7 @@ import random
 
 import pytest
 
+from circumnav_mav.config import parse
 from circumnav_mav.guidance.kernel import Estimate, LawContext, mirror
 from circumnav_mav.guidance.laws import LAWS
 from circumnav_mav.guidance.laws.hashemi2013 import LAW, Parameters, parameters, turn_rate
@@ -85,3 +86,33 @@ def test_every_law_turns_towards_the_clockwise_orbit(law):
         px, py = r * math.sin(theta), r * math.cos(theta)
         est = Estimate(r, r_dot, 5.0, -0.1, theta, math.pi / 2, px, py, 0.0, 0.0)
         assert side * (law.turn_rate(est, par) + 0.1) > 0.0
+
+
+PLANE = """
+vehicle: {class: px4_fixed_wing}
+orbit: {radius_m: 80, speed_m_s: 12, r_min_m: %s}
+limits: {turn_rate_rad_s: 0.4, turn_accel_rad_s2: 5}
+law: {name: tangent}
+estimator: {name: drift}
+"""
+
+
+def least_range_m(r_min_m: str, r_m: float, course: float) -> float:
+    """Return how near the tangent law of a configuration comes in still air, every state known, no barrier."""
+    config, step_s = parse(PLANE % r_min_m), 0.02
+    par = LAWS["tangent"].parameters(config.law.options, config.law_context())
+    x, y, psi, turn, speed, least = -r_m, 0.0, course, 0.0, config.orbit.speed_m_s, r_m
+    for _ in range(round(30.0 / step_s)):
+        r = math.hypot(x, y)
+        est = Estimate(r=r, V=speed, u=turn, psi=psi, px=-x, py=-y, wx=0.0, wy=0.0)
+        turn += (LAWS["tangent"].turn_rate(est, par) - turn) * step_s / par.lag
+        psi += turn * step_s
+        x, y, least = x + speed * math.cos(psi) * step_s, y + speed * math.sin(psi) * step_s, min(least, r)
+    return least
+
+
+def test_the_entry_is_chosen_so_that_the_configured_r_min_is_kept():
+    """From 120 m a turn by the shorter side leads to 70 m: enough for the law alone (0.8 r_a), not for r_min 72 m."""
+    courses = [0.25 * k for k in range(-12, 13)]
+    assert min(least_range_m("null", 120.0, course) for course in courses) == pytest.approx(70.0, abs=0.5)
+    assert min(least_range_m("72", 120.0, course) for course in courses) > 72.0

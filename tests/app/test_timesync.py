@@ -232,21 +232,30 @@ def test_the_orbit_and_the_place_of_the_target_gain_by_timesync_where_the_radio_
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_timesync_is_better_with_any_seed(seed):
-    """By how much depends on the draw (0.67 of the line's error with seed 11): half is that of the mean, below."""
+def test_timesync_puts_the_target_nearer_with_any_seed(seed):
+    """By how much depends on the draw (0.67 of the line's error with seed 11): half is that of the mean, below.
+
+    The orbit of a single flight may come out wider: what the late ranges cost it is no more than their noise does.
+    """
     by_line, by_timesync = late_flight("sender", seed), late_flight("autopilot", seed)
-    assert by_timesync[0] < by_line[0]
     assert by_timesync[1] < by_line[1]
 
 
 @pytest.mark.soak
-def test_over_six_flights_timesync_halves_the_error_of_the_place():
-    by_line, by_timesync = ([late_flight(how, n)[1] for n in range(1, 7)] for how in ("sender", "autopilot"))
-    assert sum(by_timesync) < 0.5 * sum(by_line)
+def test_over_six_flights_timesync_halves_the_error_of_the_place_and_narrows_the_orbit():
+    by_line, by_timesync = over_six_flights("sender"), over_six_flights("autopilot")
+    assert by_timesync[0] < by_line[0]
+    assert by_timesync[1] < 0.5 * by_line[1]
+
+
+def over_six_flights(stamped_by: str) -> tuple[float, float]:
+    """Return the mean rms of the orbit's error and of the place's [m], seeds 1 to 6."""
+    flights = [late_flight(stamped_by, seed) for seed in range(1, 7)]
+    orbit_m, place_m = (sum(values) / len(flights) for values in zip(*flights, strict=True))
+    return orbit_m, place_m
 
 
 if __name__ == "__main__":  # prints what docs/ranging.md says
     for stamped_by in ("sender", "autopilot"):
-        flights = [late_flight(stamped_by, seed) for seed in range(1, 7)]
-        orbit_m, place_m = (sum(values) / len(flights) for values in zip(*flights, strict=True))
+        orbit_m, place_m = over_six_flights(stamped_by)
         print(f"stamped_by {stamped_by}: orbit rms {orbit_m:.2f} m, target {place_m:.2f} m off")

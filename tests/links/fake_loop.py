@@ -89,14 +89,15 @@ class FakeLoop:
 class Wire:
     """A started link and what it told."""
 
-    def __init__(self, link: Any) -> None:
-        self.link, self.loop = link, FakeLoop()
+    def __init__(self, link: Any, hear: Callable[[bytes], Any] = lambda data: None) -> None:
+        self.link, self.loop, self._hear = link, FakeLoop(), hear
         self.data = b""
         self.changes: list[tuple[bool, str]] = []
         link.start(self.loop, self._on_data, lambda up, words: self.changes.append((up, words)))
 
     def _on_data(self, data: bytes) -> None:
         self.data += data
+        self._hear(data)
 
     @property
     def ups(self) -> list[bool]:

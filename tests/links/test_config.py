@@ -10,7 +10,7 @@ from circumnav_mav.config import ConfigError, parse
 from circumnav_mav.endpoint import parse as parse_endpoint
 from circumnav_mav.range_feed import RangeFeed
 from circumnav_mav.ranging import SOURCES, ByteSource
-from circumnav_mav.runtime.demo import demo_config
+from circumnav_mav.runtime.demo import demo_config, demo_note
 
 SERIAL = "serial:///dev/ttyUSB0:115200"
 NEEDED = {"lines": "pattern: 'D=(?P<range>[0-9.]+)'"}
@@ -128,6 +128,15 @@ def test_any_text_is_an_endpoint_that_reads_back_or_an_error_in_one_line(text):
         assert "\n" not in str(error)
     else:
         assert parse_endpoint(str(endpoint)) == endpoint
+
+
+def test_the_demo_flies_what_the_file_says_of_the_height_or_says_that_it_does_not():
+    """The stub's beacon is on the ground: where the file calls ranges horizontal, the demo takes them as they are."""
+    plane = "vehicle: {class: px4_fixed_wing}\n"
+    for text, flown in (("", 0.0), (plane, "auto"), ("ranging: {target_height_m: 2}", 2.0)):
+        assert demo_config(parse(text)).ranging.target_height_m == flown
+        assert ("the demo flew with 0" in demo_note(parse(text))) is (text == "")
+    assert demo_note(None) == demo_note(parse(""))
 
 
 def test_the_demo_flies_the_stubs_radio_whatever_the_file_names():

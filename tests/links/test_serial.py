@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import math
 import os
 import random
 import sys
@@ -10,10 +11,14 @@ import sys
 import pytest
 import serial
 
+from circumnav_mav.config import parse as config
 from circumnav_mav.endpoint import Endpoint, parse
 from circumnav_mav.mavlink.codec import Packer, Splitter
-from circumnav_mav.runtime.links import open_link
+from circumnav_mav.range_feed import RangeFeed
+from circumnav_mav.runtime.links import open_link, open_ranging_link
+from circumnav_mav.runtime.stream import AGAIN_S
 from circumnav_mav.runtime.transport import Backoff, LinkError
+from sitl_stub.devices import DEVICES, console_of
 from tests.links.fake_loop import Cable, Wire
 
 
@@ -129,7 +134,72 @@ def test_a_silent_device_is_made_to_talk_at_the_start_and_after_a_replug(cable):
     cable.plug()
     wire.loop.advance(2.0)
     assert cable.heard(6) == b"\r\rles\r"
+    wire.loop.advance(AGAIN_S - 2.0)
+    assert cable.heard() == b""
+    wire.loop.advance(3.0)
+    assert cable.heard(6) == b"\r\rles\r"  # still silent: again
     wire.link.close()
+
+
+def test_a_device_that_talks_is_left_alone(cable):
+    understood = [7]
+    wire = opened(cable, steps=((0.0, b"\r\r"), (1.0, b"les\r")), understood=lambda: understood[0])
+    wire.loop.advance(0.5)
+    assert cable.heard(2) == b"\r\r"  # what was understood before it was opened counts for nothing
+    understood[0] += 1
+    wire.loop.advance(60.0)
+    assert cable.heard() == b"" and wire.loop.due_s == []
+    wire.link.close()
+
+
+class Module:
+    """A DWM1001 on the cable, which is the same one however often the port is opened."""
+
+    PERIOD_S = 0.1
+
+    def __init__(self, cable: Cable) -> None:
+        self.cable, self.device, self.console = cable, DEVICES["dwm1001_les"](0x1151), console_of("dwm1001_les")
+        self.t_s, self.in_sight = 0.0, True
+
+    def live(self) -> bool:
+        """Pass a period; return whether anything was said."""
+        self.t_s += self.PERIOD_S
+        out = self.console.hear(self.cable.heard(), self.t_s)
+        out += self.console.says(self.device.encode(12.34 if self.in_sight else math.nan, 0.0, self.t_s))
+        if out:
+            self.cable.say(out)
+        return bool(out)
+
+
+def session(module: Module, for_s: float) -> int:
+    """Open the port as the app does, listen, close it; return how many ranges came in the last half."""
+    where = f"serial://{module.cable.path}"
+    feed = RangeFeed(config(f"ranging: {{source: dwm1001_les, endpoint: '{where}'}}").ranging)
+    wire = Wire(open_ranging_link(parse(where), feed), lambda data: feed.on_bytes(data, module.t_s, whole=False))
+    half = 0
+    for i in range(round(for_s / module.PERIOD_S)):
+        if module.live():
+            wire.loop.turn(1.0)  # the kernel hands over what is under way
+        wire.loop.advance(module.PERIOD_S)
+        half = feed.counts.accepted if 2 * i * module.PERIOD_S < for_s else half
+    wire.link.close()
+    return feed.counts.accepted - half
+
+
+def test_a_dwm1001_is_heard_each_of_four_times_that_the_app_is_started(cable):
+    """`les` stops the lines that another `les` has started."""
+    module = Module(cable)
+    heard = [session(module, 10.0) for _ in range(4)]
+    assert all(count > 40 for count in heard), heard
+
+
+def test_a_dwm1001_that_hears_no_anchor_at_the_start_is_heard_later(cable):
+    module = Module(cable)
+    session(module, 10.0)
+    module.in_sight = False  # nothing shows that the lines are on
+    assert session(module, 20.0) == 0
+    module.in_sight = True
+    assert session(module, 40.0) > 40
 
 
 def test_a_line_that_takes_nothing_costs_whole_frames_only(cable):

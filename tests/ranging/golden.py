@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from circumnav_mav.ranging import SOURCES, ByteSource
-from circumnav_mav.ranging.plug import ByteDecoder, Reading
+from circumnav_mav.ranging.plug import CARRIED, ByteDecoder, Reading
 
 FILE = Path(__file__).parent.parent / "data" / "ranging_golden.json"
 
@@ -42,6 +42,12 @@ def _load() -> list[Golden]:
 
 GOLDENS = _load()
 BYTE_SOURCES = [source for source in SOURCES.values() if isinstance(source, ByteSource)]
+
+
+def present(*readings: Reading) -> set[str]:
+    """Return which of CARRIED the readings have."""
+    values = {name: [getattr(reading, name) for reading in readings] for name in CARRIED}
+    return {name for name, all_ in values.items() if any(v is not None and not math.isnan(v) for v in all_)}
 
 
 def check(readings: list[Reading], expect: list[dict[str, Any]]) -> None:

@@ -262,6 +262,7 @@ class TestLines:
             ({"pattern": "(?P<range>.)", "rate_unit": 3}, "must be one of m/s"),
             ({"pattern": "(?P<range>.)", "time_unit": "min"}, "must be one of s, ms, us"),
             ({"pattern": "(?P<range>.)", "id_base": 37}, "at most 36"),
+            ({"pattern": "(?P<range>.)", "id_base": 2.5}, "id_base is 2.5, but must be a whole number"),
             ({"pattern": "(?P<range>.)", "ignore": "*"}, "no regular expression"),
             ({"pattern": "(?P<range>.)", "range_units": "m"}, "did you mean range_unit"),
         ],
@@ -353,3 +354,17 @@ def test_a_clock_that_lost_time_costs_ranges_for_two_seconds_and_is_said():
         receiver.feed(f"{500 + 0.1 * n:.1f},{100 - 0.05 * n:.3f}\n".encode(), 7.0 + 0.1 * n + paused_s)
     assert set(receiver.counts.rejected) == {"stale"} and receiver.counts.rejected["stale"] <= 20
     assert "lost 1.50 s" in receiver.clock_words
+
+
+@pytest.mark.parametrize(
+    ("source", "line", "options"),
+    [
+        ("lines", "D=1e30", {"pattern": "D=(?P<range>[0-9.e+]+)"}),
+        ("lines", "D=100001", {"pattern": "D=(?P<range>[0-9.e+]+)"}),
+        ("lines", '{"d": 12.0, "v": 1e30}', {"json": {"range": "d", "rate": "v"}}),
+        ("lines", '{"d": 12.0, "s": 1e200}', {"json": {"range": "d", "sigma": "s"}}),  # squared it is no number
+        ("replay", "0.0,1e30,,,", {}),
+    ],
+)
+def test_a_finite_number_that_is_no_measurement_is_turned_away(source, line, options):
+    assert outcome(receive(source, line + "\r\n", options=options)) == ["out_of_range"]

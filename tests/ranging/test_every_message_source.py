@@ -14,6 +14,7 @@ from pymavlink.dialects.v20 import all as mavlink
 from circumnav_mav.ranging import SOURCES, MessageReceiver, MessageSource, Settings, open_receiver
 from circumnav_mav.ranging.plug import Reason
 from circumnav_mav.types import RangeSample, Rejected
+from tests.ranging.golden import present
 
 SHARE = float(os.environ.get("SOAK_SHARE", "1"))
 SEED = int(os.environ.get("SOAK_SEED", "1"))
@@ -88,6 +89,20 @@ def test_the_autopilots_own_is_never_flown_on(source):
 @sources
 def test_subscribes_to_messages_that_exist(source):
     assert all(message_id in mavlink.mavlink_map for message_id in source.message_ids)
+
+
+@sources
+def test_it_carries_what_it_says_and_no_more(source):
+    """With every field of the message filled in. `check` tells from it which keys do nothing."""
+    cls = mavlink.mavlink_map[source.message_ids[0]]
+    filled = {
+        name: 7 for name, kind in zip(cls.fieldnames, cls.fieldtypes, strict=True) if kind in BITS and name != "type"
+    }
+    fields = through_the_wire(source.message_ids[0], filled | GOOD[source.name])
+    assert present(source.read(fields, 7.0)) == source.carries
+    of_beacon = {"ranging_beacon": "beacon_id", "landing_target": "target_num"}.get(source.name)
+    if of_beacon:
+        assert source.most_beacon_id == 2 ** BITS[cls.fieldtypes[cls.fieldnames.index(of_beacon)]] - 1
 
 
 def test_ranging_beacon_fields():
@@ -201,3 +216,13 @@ def test_who_is_heard_is_kept_to_choose_from_and_bounded():
     for beacon in range(1000):
         ranging.on_message(*SENDER, good(source, beacon_id=beacon), 8.0)
     assert len(ranging.heard) <= 64
+
+
+@pytest.mark.parametrize("name", ["landing_target", "rangefinder"])
+@pytest.mark.parametrize("absurd_m", [1e30, 3.4e38, 10_001.0])
+def test_a_finite_number_that_is_no_range_is_counted_and_not_flown_on(name, absurd_m):
+    ranging = receiver(SOURCES[name])
+    result = ranging.on_message(*SENDER, good(SOURCES[name], distance=absurd_m), 7.0)
+    assert isinstance(result, Rejected)
+    assert result.reason == Reason.OUT_OF_RANGE
+    assert ranging.counts.rejected == {Reason.OUT_OF_RANGE: 1}

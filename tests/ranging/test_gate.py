@@ -50,6 +50,17 @@ def test_row(reading, reason):
     assert judge(Gate(LIMITS), 10.0, **reading) == reason
 
 
+@pytest.mark.parametrize("absurd_m", [655.37, 1e5, 1e30, 9.96921e36, 1.7e308])
+def test_a_number_that_no_such_sensor_measures_is_no_range_unless_max_m_says_so(absurd_m):
+    assert judge(Gate(Limits(most_m=655.36)), 10.0, range_m=absurd_m) == "out_of_range"
+    assert judge(Gate(Limits(most_m=655.36, max_m=absurd_m)), 10.0, range_m=absurd_m) is None
+
+
+@pytest.mark.parametrize(("rate", "reason"), [(1e30, "out_of_range"), (-1000.1, "out_of_range"), (-1000.0, None)])
+def test_a_rate_that_nothing_flies(rate, reason):
+    assert judge(Gate(Limits(most_m=655.36)), 10.0, rate=rate) == reason
+
+
 def test_no_limits_means_none():
     gate = Gate(Limits())
     assert judge(gate, 10.0, range_m=0.001) is None

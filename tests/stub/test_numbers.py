@@ -384,6 +384,7 @@ def test_a_wrong_number_on_the_command_line_is_one_line(arguments: list[str], wo
         ("--device us_d1 --sensor-id 7", "leave out --sensor-id"),
         ("--device us_d1 --beacon-id 1", "--beacon-id does nothing: us_d1 carries none"),
         ("--beacon-id 2", "--beacon-id does nothing: distance_sensor carries none"),
+        ("--airspeed-scale 1.1", "--airspeed-scale is of the airspeed sensor of a fixed wing"),
         ("--device-port 5000", "add --device NAME"),
         ("--start-speed 5", "add --airborne HEIGHT"),
         ("--range-message landing_target --sensor-id 7", "carries neither: leave out --sensor-id"),

@@ -232,6 +232,29 @@ def test_without_gps_there_is_no_global_position() -> None:
     assert math.hypot(rig.all("LOCAL_POSITION_NED")[-1].x, rig.all("LOCAL_POSITION_NED")[-1].y) == 0.0
 
 
+def test_without_gps_there_is_no_home_before_there_is_a_position() -> None:
+    """HOME_POSITION waits for the first position after booting; with that lost again, home stays what it was."""
+    rig = Rig(gps=False, streams=(242,))
+    rig.run(5.0)
+    assert rig.all("HOME_POSITION") == []
+    assert [rig.command(410), rig.command(512, 242), rig.command(512, 33)] == [[2], [2], [2]]
+    assert rig.all("HOME_POSITION") + rig.all("GLOBAL_POSITION_INT") == []
+
+    rig = Rig(faults=("2-9 no-gps", "3 reboot", "12-inf no-gps"))
+    rig.run(2.5)
+    assert rig.all("HOME_POSITION")
+    rig.run(6.4)
+    assert rig.all("HOME_POSITION", since_s=3.0) == []
+    rig.run(8.0)
+    assert rig.all("HOME_POSITION", since_s=9.0) and rig.all("HOME_POSITION", since_s=13.0)
+
+
+def test_home_looks_where_the_nose_looked() -> None:
+    rig = Rig(start_heading_rad=0.0, streams=(242,))  # east: 90 degrees clockwise from north
+    rig.run(3.0)
+    assert rig.all("HOME_POSITION")[-1].q == pytest.approx([math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5)], abs=1e-3)
+
+
 def test_without_gps_no_message_tells_where_it_really_is() -> None:
     """It drifts with the wind over ground that it cannot see: nothing horizontal may change with that."""
     rig = Rig(gps=False, start_height_m=30.0, start_speed_m_s=4.0, wind_east_m_s=6.0, streams=(24, 33, 85, 331))

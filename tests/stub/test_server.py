@@ -20,6 +20,7 @@ import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
 from sitl_stub import StubConfig, running
+from sitl_stub.devices import PansConsole
 from sitl_stub.options import DESCRIPTION, parser
 from sitl_stub.running import free_port
 from sitl_stub.server import Endpoint, PortBusy, Pty, Server
@@ -249,6 +250,33 @@ def test_a_devices_bytes_come_out_of_a_pseudo_terminal() -> None:
     lines = data.split(b"\r\n")
     assert len(lines) > 10
     assert set(lines[:-1]) == {b"43.17"}  # the slant range: 42 m away, 10 m up
+
+
+def test_a_dwm1001_on_a_pseudo_terminal_is_silent_until_its_shell_is_told_les() -> None:
+    pty = Pty()
+    stub = Stub(StubConfig(device="dwm1001_les", range_beacon_id=0x1234, beacon_east_m=42.0, range_sigma_m=0.0))
+    serial = os.open(pty.name, os.O_RDWR | os.O_NOCTTY)
+    server = Server(stub, {}, speed=50.0, pty=pty)
+
+    def said_after(typed: bytes) -> bytes:
+        os.write(serial, typed)
+        server.run(duration_s=2.0)
+        data = b""
+        while select.select([serial], [], [], 0.3)[0]:
+            data += os.read(serial, 4096)
+        return data
+
+    try:
+        assert said_after(b"") == b""
+        assert said_after(b"les\r") == PansConsole.ERROR * 4  # binary mode
+        assert said_after(b"\r\r").endswith(PansConsole.PROMPT)
+        assert said_after(b"les\r").count(b"1234[0.00,0.00,0.00]=42.00 ") >= 10
+        assert said_after(b"").count(b"1234[") >= 10
+        assert said_after(b"les\r").count(b"1234[") <= 2  # off again
+        assert said_after(b"") == b""
+    finally:
+        os.close(serial)
+        server.close()
 
 
 def test_a_devices_bytes_come_from_a_udp_port(sitl: Any) -> None:

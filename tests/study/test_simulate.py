@@ -1,5 +1,6 @@
 """The runner: compiled as plain, the same for a seed, and its figures taken again from the traces."""
 
+import dataclasses
 import math
 import os
 
@@ -88,6 +89,13 @@ def test_settled_is_inside_the_band_for_good():
     r = np.hypot(trace[:, 1] - trace[:, 3], trace[:, 2] - trace[:, 4])
     outside = trace[np.abs(r - 80.0) > 4.0, 0]
     assert outcome.settle_s == pytest.approx(outside[-1], abs=0.1)
+
+
+@pytest.mark.parametrize(("seed", "index"), [(90210, 33), (2003, 724), (2001, 614)])
+def test_an_entry_whose_belief_fell_near_the_circle_keeps_the_range(seed, index):
+    """They came to 13.6, 2.6 and 23.0 m when a ring started again led blindly: 2 of 8,000 below r_a / 4."""
+    outcome, _ = fly_one(dataclasses.replace(SCENARIOS["R_moving"], duration_s=60.0), OURS, seed, index)
+    assert outcome.least_range > 0.5 * 80.0
 
 
 def test_the_paper_on_raw_readings_costs_what_was_measured():

@@ -33,12 +33,50 @@ def test_check_refuses_a_circle_within_the_cone_overhead():
                 assert found["slant"].severity == "error" and "within 25.8 m" in found["slant"].text
 
 
-@pytest.mark.parametrize(("height_m", "severity"), [(16.0, "info"), (17.0, "warning"), (500.0, "warning")])
-def test_check_says_that_a_range_is_taken_as_horizontal(height_m, severity):
+@pytest.mark.parametrize(
+    ("band", "told"),
+    [
+        ({}, ""),
+        ({"r_min_m": 60.0}, ""),
+        ({"r_max_m": 120.0}, ""),
+        ({"r_min_m": 60.0, "r_max_m": 120.0}, ""),
+        ({"r_min_m": 68.0, "r_max_m": 120.0}, "raise orbit.r_max_m to 125 m"),
+        ({"radius_m": 50.0, "r_max_m": 60.0}, "raise orbit.r_max_m to 66 m"),
+    ],
+)
+def test_check_warns_of_a_band_too_narrow_to_turn_round_in(band, told):
+    """12 m/s at 30 degrees of bank turn on 25.4 m; counted on are 0.9 of that turn rate: 56.5 m across. The reaction is
+    0.2 s of lag and 0.94 s to build the turn up, the margin 3 x 0.3 m and a quarter of the way flown in it: 4.3 m.
+    """
+    orbit = {"radius_m": 80.0, "speed_m_s": 12.0} | band
+    found = check(vehicle={"class": "px4_fixed_wing"}, orbit=orbit, limits={"turn_accel_rad_s2": 0.5}).get("band")
+    assert (found.text.split("; ")[1].split(",")[0] if found else "") == told
+    assert found is None or (found.severity == "warning" and "56.5 m across" in found.text)
+
+
+@pytest.mark.parametrize(
+    ("height_m", "severity", "flown"),
+    [
+        (14.0, "info", "at 14 m of height has a radius of 48.0 m instead of 50"),  # 14, 48, 50
+        (30.0, "warning", "at 30 m of height has a radius of 40.0 m instead of 50"),  # 30, 40, 50
+        (None, "info", "at 30 m of height, say, has a radius of 40.0 m instead of 50"),
+        (50.0, "warning", "none is shorter than the height, 50 m, and the circle of 50 m is never reached"),
+        (500.0, "warning", "none is shorter than the height, 500 m, and the circle of 50 m is never reached"),
+    ],
+)
+def test_check_says_what_comes_of_ranges_that_are_taken_as_horizontal(height_m, severity, flown):
     found = check(orbit={"radius_m": 50.0, "height_m": height_m})["slant"]
     assert found.severity == severity
-    assert f"sqrt(R^2 - {height_m:g}^2)" in found.text and "set ranging.target_height_m" in found.text
-    assert "slant" not in check(orbit={"radius_m": 50.0})
+    assert flown in found.text and "set ranging.target_height_m" in found.text
+
+
+def test_check_says_that_it_is_found_out_in_flight():
+    for sections in (
+        {"vehicle": {"class": "px4_fixed_wing"}, "orbit": {"height_m": 100.0}},
+        {"ranging": {"target_height_m": "auto"}, "estimator": {"name": "drift"}},
+    ):
+        found = check(**sections)["slant"]
+        assert found.severity == "info" and "until the flight shows whether they are" in found.text
 
 
 @pytest.mark.parametrize("kind", VEHICLES)
@@ -74,3 +112,25 @@ def test_check_says_which_hand_overs_a_class_without_a_position_cannot_have():
     texts = told(**alone, **asked)
     assert [text.split(":")[0] for text in texts] == ["on_range_lost", "safety.on_battery_low"]
     assert all("needs a position" in text for text in texts)
+
+
+RAW = {"estimator": {"name": "raw"}, "orbit": {"radius_m": 50.0, "speed_m_s": 5.0}, "law": {"name": "hashemi2013"}}
+
+
+def test_check_reckons_with_the_rate_of_ranges_that_the_file_gives():
+    """kappa 3 at 50 m and 5 m/s: k V T = 1 at T = 3.3 s, and held ranges 2 s apart count 2 s (no rate is measured)."""
+    fast = check(**RAW, study={"range_rate_hz": 20.0}, ranging={"max_age_s": 4.0})["range_rate"]
+    slow = check(**RAW, study={"range_rate_hz": 0.25}, ranging={"max_age_s": 4.0})["range_rate"]
+    none = check(**RAW, ranging={"max_age_s": 4.0})["range_rate"]
+    assert fast.severity == "info" and "0.05 s apart (study.range_rate_hz)" in fast.text
+    assert slow.severity == "warning" and "4 s apart (study.range_rate_hz)" in slow.text
+    assert none.severity == "warning" and "4 s apart (ranging.max_age_s)" in none.text
+    direct = check(**RAW | {"estimator": {"name": "direct"}}, study={"range_rate_hz": 20.0})["range_rate"]
+    assert "one in 0.05 s" in direct.text
+
+
+def test_check_warns_of_ranges_that_are_stale_before_the_next():
+    assert "seldom" not in check(study={"range_rate_hz": 1.0})
+    found = check(study={"range_rate_hz": 0.8}, law={"name": "tangent"}, estimator={"name": "drift"})["seldom"]
+    assert found.severity == "warning" and "one range in 1.25 s (study.range_rate_hz)" in found.text
+    assert "seldom" not in check(study={"range_rate_hz": 0.8}, ranging={"max_age_s": 1.5})

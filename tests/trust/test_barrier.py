@@ -4,15 +4,31 @@ from __future__ import annotations
 
 import itertools
 import math
+import os
 import random
+from typing import Any
 
 import pytest
 
+from circumnav_mav.config import guidance_settings
 from circumnav_mav.flight_record import LimitedTicks
-from circumnav_mav.guidance.barrier import Band, Drift, ahead, farthest, margin_m, nearest, walk, within
+from circumnav_mav.guidance.barrier import (
+    Band,
+    Drift,
+    ahead,
+    farthest,
+    least_room_m,
+    margin_m,
+    nearest,
+    walk,
+    within,
+)
+from circumnav_mav.guidance.computer import band_of
 from circumnav_mav.guidance.kernel import Estimate
 from tests.lockstep import ENGAGED_NAMES, Rig, airborne, config
 
+SHARE = float(os.environ.get("SOAK_SHARE", "1"))
+SEED = int(os.environ.get("SOAK_SEED", "1"))
 V, U_MAX, LAG_S, ACCEL = 5.0, 0.8, 0.45, 2.0
 REACTION_S = LAG_S + U_MAX / ACCEL
 BAND = Band(30.0, 80.0, margin_m(0.1, V, REACTION_S), U_MAX, REACTION_S, side=1.0)
@@ -24,9 +40,12 @@ class Plant:
     wind: east, north [m/s]; the estimate tells it where `told`.
     """
 
-    def __init__(self, r: float, theta: float, wind: tuple[float, float] = (0.0, 0.0), *, told: bool = True) -> None:
+    def __init__(
+        self, r: float, theta: float, wind: tuple[float, float] = (0.0, 0.0), *, told: bool = True, **its: float
+    ) -> None:
         self.x, self.y, self.psi, self.u, self.commanded = -r, 0.0, theta, 0.0, 0.0
         self.wind, self.told = wind, told
+        self.V, self.lag_s, self.accel = its.get("V", V), its.get("lag_s", LAG_S), its.get("accel", ACCEL)
 
     @property
     def r(self) -> float:
@@ -36,26 +55,26 @@ class Plant:
         theta = self.psi - math.atan2(-self.y, -self.x)
         theta = math.atan2(math.sin(theta), math.cos(theta))
         wx, wy = self.wind if self.told else (math.nan, math.nan)
-        return Estimate(r=self.r, r_dot=math.nan, V=V, u=self.u, theta=theta, psi=self.psi, wx=wx, wy=wy)
+        return Estimate(r=self.r, r_dot=math.nan, V=self.V, u=self.u, theta=theta, psi=self.psi, wx=wx, wy=wy)
 
     def step(self, wanted: float, dt: float = 0.02) -> None:
-        self.commanded += max(-ACCEL * dt, min(ACCEL * dt, wanted - self.commanded))
-        self.u += (self.commanded - self.u) * dt / LAG_S
+        self.commanded += max(-self.accel * dt, min(self.accel * dt, wanted - self.commanded))
+        self.u += (self.commanded - self.u) * dt / self.lag_s
         self.psi += 0.5 * self.u * dt
-        self.x += (V * math.cos(self.psi) + self.wind[0]) * dt
-        self.y += (V * math.sin(self.psi) + self.wind[1]) * dt
+        self.x += (self.V * math.cos(self.psi) + self.wind[0]) * dt
+        self.y += (self.V * math.sin(self.psi) + self.wind[1]) * dt
         self.psi += 0.5 * self.u * dt
 
 
-def homing(est: Estimate) -> float:
+def homing(est: Estimate, u_max: float = U_MAX) -> float:
     """The worst law there is for r_min: straight at the target, as hard as it can."""
-    return max(-U_MAX, min(U_MAX, -3.0 * est.theta))
+    return max(-u_max, min(u_max, -3.0 * est.theta))
 
 
-def fleeing(est: Estimate) -> float:
+def fleeing(est: Estimate, u_max: float = U_MAX) -> float:
     """And for r_max: straight away."""
     wrong = math.atan2(math.sin(est.theta + math.pi), math.cos(est.theta + math.pi))
-    return max(-U_MAX, min(U_MAX, -3.0 * wrong))
+    return max(-u_max, min(u_max, -3.0 * wrong))
 
 
 @pytest.mark.parametrize("law", [homing, fleeing])
@@ -92,6 +111,65 @@ def test_the_band_is_kept_in_wind_that_the_estimator_knows(law, wind):
             least, most = min(least, plant.r), max(most, plant.r)
         assert least >= BAND.r_min
         assert most <= BAND.r_max
+
+
+DRIFTING: list[tuple[dict[str, Any], tuple[float, ...], dict[str, float]]] = [
+    ({"class": "px4_multirotor_attitude", "pitch_deg": -4.0}, (3.0, 5.0, 8.0),
+     {"turn_rate_rad_s": 0.6, "turn_accel_rad_s2": 1.0, "bank_deg": 20.0}),
+    ({"class": "px4_fixed_wing"}, (12.0, 15.0, 18.0), {"turn_accel_rad_s2": 0.5}),
+    ({"class": "px4_fixed_wing_position"}, (12.0, 15.0), {"turn_accel_rad_s2": 0.5}),
+    ({"class": "arduplane"}, (15.0, 18.0, 22.0), {"turn_accel_rad_s2": 0.3, "bank_deg": 40.0}),
+]  # fmt: skip
+"""What drifts with the wind: its speeds [m/s] and the limits of such a vehicle."""
+
+
+def drifts(seed: str, for_s: float = 120.0) -> None:
+    """Fly a vehicle of DRIFTING in wind of up to half its speed by the worst laws, in a band that check has nothing to
+    say of: one or both limits, drawn down to the narrowest.
+    """
+    rng = random.Random(seed)
+    vehicle, speeds, limits = rng.choice(DRIFTING)
+    speed, clockwise, law = rng.choice(speeds), rng.random() < 0.5, rng.choice((homing, fleeing))
+    orbit = {"speed_m_s": speed, "direction": "clockwise" if clockwise else "anticlockwise"}
+    app = config(vehicle=vehicle, orbit={**orbit, "radius_m": 1000.0}, limits=limits)
+    bare = band_of(guidance_settings(app))
+    rho, room_m = speed / bare.u_max, least_room_m(speed, bare.u_max)
+    radius_m = 2.0 * bare.margin + rho * rng.uniform(1.0, 4.0)
+    limited = rng.choice(("near", "far", "both"))
+    least = (radius_m - 2.0 * bare.margin) * rng.uniform(0.3, 1.0) if limited != "far" else -math.inf
+    most = max(radius_m + 2.0 * bare.margin, room_m + 2.0 * bare.margin, least + room_m) * rng.uniform(1.0, 2.0)
+    band = bare._replace(r_min=least, r_max=most if limited != "near" else math.inf)
+    wind_m_s, towards = speed * rng.choice((0.0, 0.2, 0.3, 0.4, 0.5)), rng.uniform(-math.pi, math.pi)
+    wind = (wind_m_s * math.cos(towards), wind_m_s * math.sin(towards))
+    its = {"V": speed, "lag_s": app.vehicle_class.turn_lag_s, "accel": limits["turn_accel_rad_s2"]}
+    plant = Plant(radius_m, math.pi / 2 if clockwise else -math.pi / 2, wind, **its)
+    for _ in range(round(for_s / 0.02)):
+        est = plant.estimate()
+        plant.step(within(law(est, band.u_max), est, band))
+        assert band.r_min <= plant.r <= band.r_max, (
+            seed,
+            vehicle,
+            speed,
+            law.__name__,
+            wind_m_s / speed,
+            band,
+            plant.r,
+        )
+        if plant.r > 5.0 * radius_m:  # off for good, with no r_max
+            break
+
+
+@pytest.mark.parametrize("n", [0, 1, 82, 125, 142, 180, 203])
+def test_what_drifts_keeps_a_band_that_is_wide_enough(n):
+    """From 82 on, flights in which a turn towards the beacon that opens at first was taken for a way out."""
+    drifts(f"few:{n}")
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("number", range(max(1, round(20 * SHARE))))
+def test_whatever_drifts_keeps_any_band_that_is_wide_enough(number):
+    for n in range(20):
+        drifts(f"{SEED}:{number}:{n}")
 
 
 def test_in_wind_that_nobody_knows_it_is_not_kept():

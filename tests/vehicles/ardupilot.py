@@ -41,6 +41,7 @@ class FakeArduPilot:
         self.armed = height_m > 0.0
         self.status = 4 if self.armed else 3
         self.beacon_n, self.beacon_e = beacon
+        self.beacon_height: float | None = None  # above home; None: always at the vehicle's
         self.now_s = 0.0
         self.n = self.e = self.climb = 0.0
         self.yaw = self.yaw_rate = self.roll = self.pitch = self.roll_rate = 0.0
@@ -240,7 +241,8 @@ class FakeArduPilot:
                 self._send(STREAMS[msgid](self))
         if self.radio and self.now_s >= self._range_next_s:
             self._range_next_s = self.now_s + 0.1
-            cm = round(100.0 * (self.range_m + self._random.gauss(0.0, 0.3)))
+            down = 0.0 if self.beacon_height is None else self.height - self.beacon_height
+            cm = round(100.0 * (math.hypot(self.range_m, down) + self._random.gauss(0.0, 0.3)))
             if 10 <= cm <= FARTHEST_CM:
                 ms = round(self.now_s * 1e3)
                 message = mavlink.MAVLink_distance_sensor_message(ms, 10, FARTHEST_CM, cm, 0, 7, 0, 255)

@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import math
 import random
+from pathlib import Path
 from typing import Any
 
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
+from circumnav_mav.config import load
 from circumnav_mav.flight import Flight
 from circumnav_mav.flight_record import TickRecord
 from tests.lockstep import config
 from tests.trust.rules import beyond_talk
 from tests.vehicles.ardupilot import COPTER, GUIDED, PLANE, STEP_S, FakeArduPilot
 
+CONFIGS = Path(__file__).parents[2] / "configs"
 LOITER = {COPTER: 5, PLANE: 12}
 RTL = {COPTER: 6, PLANE: 11}
 ENGAGED = ("acquiring", "orbiting", "coasting")
@@ -111,6 +114,19 @@ def test_it_circles(kind, rms_m):
     assert rig.vehicle.height == pytest.approx(80.0, abs=1.0)
     masks = {m.type_mask for _, m in rig.setpoints()}
     assert masks == {1479 if kind == COPTER else 254}
+
+
+@KINDS
+def test_the_shipped_configuration_settles(kind):
+    """As it is in the file: the plane's beacon lies on the ground, and its ranges are slant."""
+    shipped = load(CONFIGS / ("arducopter.yaml" if kind == COPTER else "arduplane.yaml"))
+    rig = Rig(kind)
+    rig.config, rig.flight, rig.radius_m = shipped, Flight(shipped), shipped.orbit.radius_m
+    told = shipped.ranging.target_height_m
+    rig.vehicle.beacon_height = 0.0 if told == "auto" else told
+    rig.engage().run(120.0)
+    assert rig.phase == "orbiting", (rig.phases, rig.flight.events)
+    assert rig.rms_m(30.0) < 0.03 * shipped.orbit.radius_m
 
 
 def test_the_plane_turns_as_asked_though_its_bank_turns_it_by_less():

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from circumnav_mav.config import ConfigError, load, parse
+from circumnav_mav.config import ConfigError, guidance_settings, load, parse
 from circumnav_mav.guidance.estimators import ESTIMATORS
 from circumnav_mav.guidance.laws import LAWS
 from circumnav_mav.mavlink.vehicles import VEHICLES
@@ -49,6 +49,7 @@ def test_the_shipped_file_of_a_class_says_what_the_class_decides(path):
     assert alone.on_range_lost == shipped.on_range_lost
     actions = [key for key in type(alone.safety).model_fields if key.startswith("on_")]
     assert [getattr(alone.safety, key) for key in actions] == [getattr(shipped.safety, key) for key in actions]
+    assert alone.ranging.target_height_m == shipped.ranging.target_height_m
 
 
 @pytest.mark.parametrize(
@@ -73,6 +74,27 @@ def test_what_is_named_wins_and_the_rest_goes_with_it(name, given, law, estimato
     config = parse(named_only(name, given))
     assert (config.law.name, config.estimator.name) == (law, estimator)
     assert {path for path in config.defaulted if path.endswith(".name")} == set(open_.split())
+
+
+@pytest.mark.parametrize("name", VEHICLES)
+def test_a_plane_finds_out_whether_its_ranges_are_slant_where_the_file_says_nothing(name):
+    plane = VEHICLES[name].airframe == "fixed_wing"
+    config = parse(named_only(name))
+    assert config.ranging.target_height_m == ("auto" if plane else None)
+    assert ("ranging.target_height_m" in config.defaulted) is plane
+    assert guidance_settings(config).choose_height is plane
+    for given in (None, 0.0, 12.5):
+        said = parse(named_only(name, f"ranging: {{target_height_m: {'null' if given is None else given}}}"))
+        assert said.ranging.target_height_m == given and "ranging.target_height_m" not in said.defaulted
+        assert not guidance_settings(said).choose_height
+
+
+def test_another_estimator_than_the_class_s_takes_ranges_as_horizontal_unless_told():
+    config = parse(named_only("px4_fixed_wing", "estimator: {name: polar}\nranging: {sigma_m: 1.0}"))
+    assert config.ranging.target_height_m is None and "ranging.target_height_m" not in config.defaulted
+    assert config.ranging.sigma_m == 1.0
+    with pytest.raises(ConfigError, match=r"ranging\.target_height_m: auto needs estimator drift, not polar: give the"):
+        parse(named_only("px4_fixed_wing", "estimator: {name: polar}\nranging: {target_height_m: auto}"))
 
 
 def test_a_number_that_is_given_wins_and_the_others_of_its_section_stay_the_class_s():

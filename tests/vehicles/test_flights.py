@@ -238,18 +238,21 @@ CONFIGS = Path(__file__).parents[2] / "configs"
 
 @pytest.mark.parametrize("path", sorted(CONFIGS.glob("*.yaml")), ids=lambda path: path.stem)
 def test_every_shipped_configuration_settles_on_the_stub(path):
-    """As it is in the file, but for who engages, and for radios that the stub does not have."""
+    """As it is in the file, but for who engages, and for radios that the stub does not have. Slant ranges are slant."""
     shipped = load(path)
     vehicle, orbit = shipped.vehicle_class, shipped.orbit
     if not vehicle.name.startswith("px4"):
         pytest.skip(f"the stub is a PX4: {vehicle.name} flies in test_ardupilot.py")
-    ranging = config(ranging={"sigma_m": shipped.ranging.sigma_m}).ranging
+    kept = {key: getattr(shipped.ranging, key) for key in ("sigma_m", "target_height_m")}
+    ranging = shipped.ranging.model_validate(kept)
+    ground_m = 0.0 if kept["target_height_m"] == "auto" else kept["target_height_m"]
     flies = vehicle.airframe == "fixed_wing"
     rig = Rig(
         shipped.model_copy(update={"engage": "pilot", "ranging": ranging}),
         airborne(
             distance_m=3.0 * orbit.radius_m,
             height_m=orbit.height_m or 20.0,
+            beacon_height_m=(orbit.height_m or 20.0) if ground_m is None else ground_m,
             airframe=vehicle.airframe,
             start_speed_m_s=orbit.speed_m_s if flies else 0.0,
             range_sigma_m=shipped.ranging.sigma_m,

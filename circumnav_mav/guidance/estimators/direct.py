@@ -13,9 +13,10 @@ from collections.abc import Mapping
 from math import acos, atan2, cos, hypot, isfinite, isnan, log, nan, sin, sqrt
 from typing import NamedTuple
 
-from circumnav_mav.guidance.estimators.gate import refuse, remember
+from circumnav_mav.guidance.estimators.gate import compared, refuse, remember, shelved
 from circumnav_mav.guidance.kernel import (
     RESTARTED,
+    RETURNED,
     Estimate,
     Estimator,
     EstimatorContext,
@@ -120,7 +121,29 @@ def settle(bank: list[Side]) -> None:
 
 
 def observe(bank: list[Side], mem: Memory, m: Moved, z: Reading, par: Parameters) -> Memory:
-    """Carry the bank to the reading, judge it and use it."""
+    """Carry the bank to the reading, judge it and use it; take a shelved belief back when ranges fit it again."""
+    if isnan(mem.shelf_s):
+        return follow(bank, mem, m, z, par)
+    h = bank.pop()
+    after = follow(bank, mem, m, z, par)
+    if not isnan(after.shelf_s):  # a newer one is on the shelf
+        return after
+    h = predict(h, m, par)
+    sigma_r = par.sigma_r if isnan(z.sigma_r) else z.sigma_r
+    error, variance = z.r - h.r, sigma_r * sigma_r
+    nis = error * error / (h.prr + variance)
+    after = compared(after, mem, m.dt, error, nis, par.gate, 2.0 * par.gate * sigma_r)
+    if after.verdict == RETURNED:
+        h = correct(h, error, 1.0, 0.0, variance)
+        bank[0] = Side(h.r, h.r_dot, h.prr, h.prv, h.pvv, 0.0, h.side)
+        bank[1] = Side(h.r, h.r_dot, h.prr, h.prv, h.pvv, -LOST, -h.side)
+    elif not isnan(after.shelf_s):
+        bank.append(h)
+    return after
+
+
+def follow(bank: list[Side], mem: Memory, m: Moved, z: Reading, par: Parameters) -> Memory:
+    """Carry both sides, nothing on the shelf, to the reading, judge it and use it."""
     sigma_r = par.sigma_r if isnan(z.sigma_r) else z.sigma_r
     variance = sigma_r * sigma_r
     if isnan(bank[0].r):
@@ -135,6 +158,8 @@ def observe(bank: list[Side], mem: Memory, m: Moved, z: Reading, par: Parameters
         mem = refuse(mem, z.r, m.dt, 2.0 * par.V, 2.0 * par.gate * sigma_r, error)
         if mem.verdict == RESTARTED:
             seed(bank, z, par, variance)
+            bank.append(h)
+            return shelved(mem, 0.0, 0.0)
         return mem
     for i in range(2):
         bank[i] = correct(bank[i], z.r - bank[i].r, 1.0, 0.0, variance)

@@ -22,10 +22,21 @@ from circumnav_mav.guidance.estimators.drift_gaussian import (
     use_range,
     use_rate,
 )
-from circumnav_mav.guidance.estimators.gate import refuse, remember
-from circumnav_mav.guidance.estimators.ring import TWIN, best_of, judged, merge, prune, smoothed, unflown
+from circumnav_mav.guidance.estimators.gate import compared, refuse, remember, restarted, shelved
+from circumnav_mav.guidance.estimators.ring import (
+    LIKELY,
+    NEVER,
+    TWIN,
+    best_of,
+    judged,
+    merge,
+    prune,
+    smoothed,
+    unflown,
+)
 from circumnav_mav.guidance.kernel import (
     RESTARTED,
+    RETURNED,
     Estimate,
     Estimator,
     EstimatorContext,
@@ -39,6 +50,9 @@ RING = 16
 
 SPLIT = 0.16
 """A hypothesis longer across the line of sight than this share of the range is cut."""
+
+KEPT_RATE = 0.2
+"""How well a belief that falls knows the range rate, as a share of the airspeed."""
 
 STIRS = (1.0, 30.0, 900.0)
 """Calm, gusty, wild: how many times the usual noise drives drift and scale. Once the ring is gone, one of each is
@@ -65,11 +79,25 @@ def ring_member(r: float, bearing: float, variance: float, par: Parameters, log_
     )
 
 
-def seed(bank: list[Drift], z: Reading, par: Parameters, variance: float) -> None:
-    """Fill the ring."""
+def seed(bank: list[Drift], z: Reading, par: Parameters, variance: float, first: float) -> None:
+    """Fill the ring; the one at the bearing `first` [rad] leads."""
     bank.clear()
     for i in range(RING):
-        bank.append(ring_member(z.r, 2.0 * pi * i / RING, variance, par, 0.0))
+        bank.append(ring_member(z.r, first + 2.0 * pi * i / RING, variance, par, 0.0))
+
+
+def seed_again(bank: list[Drift], mem: Memory, m: Moved, z: Reading, par: Parameters, variance: float) -> None:
+    """Fill the ring once more, with what a belief that falls was hardly wrong in.
+
+    It followed the ranges, so it knew their rate; and it is sooner wrong in the drift than in the bearing by a right
+    angle. A ring that leads blindly turns the vehicle round, as likely as not towards a target that is near by now.
+    """
+    bank[0] = bank[heir(bank, par)]
+    here = carry(bank, mem, Moved(0.0, 0.0, 0.0, 0.0, m.V, m.u, m.psi), par)
+    seed(bank, z, par, variance, atan2(here.py, here.px))
+    for i in range(RING):
+        bank[i] = use_rate(bank[i], here.r_dot, m, (KEPT_RATE * par.V) ** 2, par.gate)
+    prune(bank)
 
 
 def split(bank: list[Drift]) -> None:
@@ -106,16 +134,56 @@ def same(h: Drift, best: Drift) -> bool:
     return du * du + dv * dv < 0.25 * (best.uu + best.vv)
 
 
+def possible(h: Drift, par: Parameters) -> bool:
+    return hypot(h.wx, h.wy) <= par.w_most and abs(h.s) <= par.s_most
+
+
+def heir(bank: list[Drift], par: Parameters) -> int:
+    """Return the index of the likeliest hypothesis that is possible; 0, the leader, where none is likely."""
+    likely, best, i = bank[best_of(bank)].log_weight - LIKELY, 0, 0
+    for h in bank:
+        if h.log_weight > likely and possible(h, par):
+            likely, best = h.log_weight, i
+        i += 1  # noqa: SIM113 (plain Python is quicker so)
+    return best
+
+
 def observe(bank: list[Drift], mem: Memory, m: Moved, z: Reading, par: Parameters) -> Memory:
-    """Carry the bank to the reading, judge it and use it."""
+    """Carry the bank to the reading, judge it and use it; take a shelved belief back when ranges fit it again."""
+    if isnan(mem.shelf_s):
+        return follow(bank, mem, m, z, par)
+    h = bank.pop()
+    after = follow(bank, mem, m, z, par)
+    if isnan(m.psi) or not isnan(after.shelf_s):  # nothing to carry it by; or a newer one is on the shelf
+        return after
+    dx, dy = displacement(m)
+    h = predict(h, dx, dy, m.dt, par)
+    sigma_r = par.sigma_r if isnan(z.sigma_r) else z.sigma_r
+    used, nis = use_range(h, z.r, sigma_r * sigma_r, par.gate)
+    after = compared(after, mem, m.dt, z.r - hypot(h.px, h.py), nis, par.gate, 2.0 * par.gate * sigma_r)
+    if after.verdict == RETURNED:
+        bank.clear()
+        bank.append(again(used, used.stir, 0.0))
+    elif not isnan(after.shelf_s):
+        bank.append(h)
+    return after
+
+
+def displacement(m: Moved) -> tuple[float, float]:
+    """Return the reckoned displacement east and north, m."""
+    psi = m.psi - m.turn
+    c, s = cos(psi), sin(psi)
+    return m.ahead * c - m.left * s, m.ahead * s + m.left * c
+
+
+def follow(bank: list[Drift], mem: Memory, m: Moved, z: Reading, par: Parameters) -> Memory:
+    """Carry the bank, nothing on the shelf, to the reading, judge it and use it."""
     sigma_r = par.sigma_r if isnan(z.sigma_r) else z.sigma_r
     variance = sigma_r * sigma_r
     if len(bank) == 0 or isnan(m.psi):  # without a heading, a displacement has no direction
-        seed(bank, z, par, variance)
+        seed(bank, z, par, variance, 0.0)
         return remember(mem, m.dt, nan, 0.0 if isnan(m.psi) else 1.0, 1.0)
-    psi = m.psi - m.turn
-    c, s = cos(psi), sin(psi)
-    dx, dy = m.ahead * c - m.left * s, m.ahead * s + m.left * c
+    dx, dy = displacement(m)
     for i in range(len(bank)):
         bank[i] = predict(bank[i], dx, dy, m.dt, par)
     split(bank)
@@ -129,7 +197,11 @@ def observe(bank: list[Drift], mem: Memory, m: Moved, z: Reading, par: Parameter
     if least > par.gate**2:
         mem = refuse(mem, z.r, m.dt, 2.0 * par.V, 2.0 * par.gate * sigma_r, error)
         if mem.verdict == RESTARTED:
-            seed(bank, z, par, variance)
+            falls, settled = bank[0], len(bank) <= 2 * len(STIRS)
+            seed(bank, z, par, variance, atan2(falls.py, falls.px))
+            if settled:
+                bank.append(again(falls, falls.stir, NEVER))
+                return shelved(mem, 0.0, 0.0)
         return mem
     for i in range(len(bank)):
         bank[i] = used[i] if isnan(z.r_dot) else use_rate(used[i], z.r_dot, m, par.sigma_r_dot**2, par.gate)
@@ -142,19 +214,16 @@ def observe(bank: list[Drift], mem: Memory, m: Moved, z: Reading, par: Parameter
     for stir in unflown(bank, STIRS):
         bank.append(again(bank[0], stir, bank[0].log_weight - TWIN))
     alarm = smoothed(mem.alarm, min(leader, par.gate**2))
-    h = bank[0]
-    if alarm > par.alarm or hypot(h.wx, h.wy) > par.w_most or abs(h.s) > par.s_most:
-        seed(bank, z, par, variance)
-        return Memory(mem.known, RESTARTED, leader, 1.0, nan, 0.0, 0.0, nan)
+    if alarm > par.alarm or not possible(bank[0], par):
+        seed_again(bank, mem, m, z, par, variance)
+        return restarted(mem, leader, 1.0)
     return remember(mem, m.dt, leader, 1.0, alarm, error)
 
 
 def carry(bank: list[Drift], mem: Memory, m: Moved, par: Parameters) -> Estimate:
     """Return the leading hypothesis after a motion."""
     h = bank[0]
-    psi = m.psi - m.turn
-    c, s = cos(psi), sin(psi)
-    dx, dy = m.ahead * c - m.left * s, m.ahead * s + m.left * c
+    dx, dy = displacement(m)
     V = (1.0 + h.s) * m.V
     px, py = h.px - (1.0 + h.s) * dx - h.wx * m.dt, h.py - (1.0 + h.s) * dy - h.wy * m.dt
     r = hypot(px, py)
@@ -223,7 +292,7 @@ ESTIMATOR = Estimator(
     places=places,
     parameters=parameters,
     options=OPTIONS,
-    needs=frozenset({"range", "speed", "turn_rate", "heading", "airspeed"}),
+    needs=frozenset({"range", "speed", "turn_rate", "heading"}),
     gives=frozenset({"r", "r_dot", "V", "u", "theta", "psi", "px", "py", "wx", "wy"}),
     source="ring of extended Kalman filters",
 )

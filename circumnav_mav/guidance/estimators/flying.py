@@ -6,7 +6,7 @@ a late sample is put where it belongs, a dropout costs nothing, and an estimate 
 
 from __future__ import annotations
 
-from math import exp, isnan, nan, sqrt
+from math import copysign, exp, isnan, log, nan, sqrt
 from typing import Any
 
 from circumnav_mav.guidance.estimators.noise import NoiseMeter
@@ -14,6 +14,7 @@ from circumnav_mav.guidance.kernel import (
     NAN,
     OUTLIER,
     RESTARTED,
+    RETURNED,
     Estimate,
     Estimator,
     Memory,
@@ -51,6 +52,7 @@ class FlyingEstimator:
         self._anchor: Place | None = None  # where the bank stands
         self.noise = NoiseMeter()
         self.restarts = 0  # times the readings outvoted the belief since the reset
+        self.returns = 0  # times they came back to one that they had outvoted: an echo had won
 
     def advance(self, now_s: float, motion: Motion) -> None:
         """Take in what was flown since the last call: every control tick, before `at`."""
@@ -72,11 +74,14 @@ class FlyingEstimator:
         reading = Reading(sample.range_m, sample.range_rate_m_s, self.noise.sigma(sample.sigma_m))
         self._mem = self._kernels.observe(self._bank, self._mem, moved, reading, self._par)
         self._anchor = place
-        self.noise.add(self._mem.error)
+        self.noise.add(_own_noise(self._mem, reading.sigma_r), sample.sigma_m)
         if self._mem.verdict == OUTLIER:
             return Rejected(sample.t_s, "outlier", f"{sample.range_m:.1f} m does not fit the ranges before it")
         if self._mem.verdict == RESTARTED:
             self.restarts += 1
+            self.noise.restart()
+        if self._mem.verdict == RETURNED:
+            self.returns += 1
             self.noise.restart()
         return None
 
@@ -111,6 +116,23 @@ class FlyingEstimator:
         variance = self.covariance()[0]
         return nan if isnan(variance) else sqrt(max(0.0, variance))
 
+    def times_noisier(self) -> float:
+        """Return how many times noisier the ranges are than their samples say (a levelled slant range says more than
+        the range itself did); 1 unless they surely are.
+        """
+        return self.noise.times if self.noise.surely else 1.0
+
+    def evidence(self) -> float:
+        """Return the log of the likelihood of the readings used since the bank began, up to a constant; NaN before.
+
+        It is comparable between two estimators of one kind that were given the same readings.
+        """
+        weights: list[float] = [h.log_weight for h in self._bank]
+        if not weights or self._anchor is None:
+            return nan
+        most = max(weights)
+        return most + log(sum(exp(weight - most) for weight in weights))
+
     def consistency(self) -> float:
         """Return the normalised innovation squared of the last range that was used: 1 on average when all is well."""
         return self._mem.nis
@@ -118,3 +140,13 @@ class FlyingEstimator:
     def sample_time_s(self) -> float:
         """Return the time of the last sample that arrived, used or refused; NaN before the first."""
         return nan if self._anchor is None else self._anchor.t_s
+
+
+def _own_noise(mem: Memory, sigma_m: float) -> float:
+    """Return what of the last innovation is the reading's own noise, m, if that has `sigma_m`.
+
+    A filter that is quick (in hover: the vehicle may speed up any moment) follows the noise, and is missed by more.
+    """
+    if mem.verdict == OUTLIER or isnan(mem.nis) or isnan(mem.error):
+        return mem.error
+    return copysign(sigma_m * sqrt(mem.nis), mem.error)

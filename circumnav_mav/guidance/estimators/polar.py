@@ -9,11 +9,12 @@ the ranges decide. Wind and speed errors are process noise.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from math import atan2, cos, hypot, isnan, nan, pi, sin
+from math import atan2, cos, hypot, isnan, log, nan, pi, sin
 from typing import NamedTuple
 
-from circumnav_mav.guidance.estimators.gate import refuse, remember
+from circumnav_mav.guidance.estimators.gate import compared, refuse, remember, restarted, shelved
 from circumnav_mav.guidance.estimators.ring import (
+    NEVER,
     TWIN,
     best_of,
     judged,
@@ -25,6 +26,7 @@ from circumnav_mav.guidance.estimators.ring import (
 )
 from circumnav_mav.guidance.kernel import (
     RESTARTED,
+    RETURNED,
     Estimate,
     Estimator,
     EstimatorContext,
@@ -32,6 +34,8 @@ from circumnav_mav.guidance.kernel import (
     Moved,
     Reading,
 )
+
+TURN = 2.0 * pi
 
 RING = 8
 """Hypotheses of theta at the start."""
@@ -65,19 +69,22 @@ class Polar(NamedTuple):
 def predict(h: Polar, m: Moved, par: Parameters) -> Polar:
     """Return the hypothesis after a motion of the vehicle."""
     r0, theta, prr, prt, ptt, stir, log_weight = h
+    dt, ahead, left, turn, _, _, _ = m
     c0, s0 = cos(theta), sin(theta)
-    x, y = r0 * c0 - m.ahead, -r0 * s0 - m.left
-    r = max(hypot(x, y), 1e-3)
+    x, y = r0 * c0 - ahead, -r0 * s0 - left
+    r = hypot(x, y)
+    if r < 1e-3:
+        r = 1e-3
     c, s = (x * c0 - y * s0) / r, (y * c0 + x * s0) / r  # of the angle that the line of sight swung
     # dr' = c dr - r0 s dtheta;  dtheta' = (s dr + r0 c dtheta) / r'
     b, d, e = -r0 * s, s / r, r0 * c / r
     grr, grt, gtr, gtt = c * prr + b * prt, c * prt + b * ptt, d * prr + e * prt, d * prt + e * ptt
     return Polar(
         r,
-        (m.turn - atan2(y, x) + pi) % (2.0 * pi) - pi,
-        c * grr + b * grt + stir * par.q_r * m.dt,
+        (turn - atan2(y, x) + pi) % TURN - pi,
+        c * grr + b * grt + stir * par.q_r * dt,
         d * grr + e * grt,
-        d * gtr + e * gtt + stir * par.q_theta * m.dt,
+        d * gtr + e * gtt + stir * par.q_theta * dt,
         stir,
         log_weight,
     )
@@ -87,10 +94,10 @@ def use_range(h: Polar, z: float, variance: float, gate: float) -> tuple[Polar, 
     """Return the hypothesis after a range, and its normalised innovation squared; beyond the gate it only costs."""
     r, theta, prr, prt, ptt, stir, log_weight = h
     error, s = z - r, prr + variance
-    nis = error * error / s
-    log_weight += log_likelihood(nis, s, gate)
-    if nis > gate * gate:
-        return Polar(r, theta, prr, prt, ptt, stir, log_weight), nis
+    nis, most = error * error / s, gate * gate
+    if nis > most:  # log_likelihood, written out here and below: the filter's whole cost is this and `predict`
+        return Polar(r, theta, prr, prt, ptt, stir, log_weight - 0.5 * (most + log(s))), nis
+    log_weight -= 0.5 * (nis + log(s))
     kr, kt = prr / s, prt / s
     return (
         Polar(r + kr * error, theta + kt * error, prr - kr * prr, prt - kr * prt, ptt - kt * prt, stir, log_weight),
@@ -139,7 +146,27 @@ def same(h: Polar, best: Polar) -> bool:
 
 
 def observe(bank: list[Polar], mem: Memory, m: Moved, z: Reading, par: Parameters) -> Memory:
-    """Carry the bank to the reading, judge it and use it."""
+    """Carry the bank to the reading, judge it and use it; take a shelved belief back when ranges fit it again."""
+    if isnan(mem.shelf_s):
+        return follow(bank, mem, m, z, par)
+    h = bank.pop()
+    after = follow(bank, mem, m, z, par)
+    if not isnan(after.shelf_s):  # a newer one is on the shelf
+        return after
+    h = predict(h, m, par)
+    sigma_r = par.sigma_r if isnan(z.sigma_r) else z.sigma_r
+    used, nis = use_range(h, z.r, sigma_r * sigma_r, par.gate)
+    after = compared(after, mem, m.dt, z.r - h.r, nis, par.gate, 2.0 * par.gate * sigma_r)
+    if after.verdict == RETURNED:
+        bank.clear()
+        bank.append(again(used, used.stir, 0.0))
+    elif not isnan(after.shelf_s):
+        bank.append(h)
+    return after
+
+
+def follow(bank: list[Polar], mem: Memory, m: Moved, z: Reading, par: Parameters) -> Memory:
+    """Carry the bank, nothing on the shelf, to the reading, judge it and use it."""
     sigma_r = par.sigma_r if isnan(z.sigma_r) else z.sigma_r
     variance = sigma_r * sigma_r
     if len(bank) == 0:
@@ -156,10 +183,15 @@ def observe(bank: list[Polar], mem: Memory, m: Moved, z: Reading, par: Parameter
     if least > par.gate**2:
         mem = refuse(mem, z.r, m.dt, 2.0 * par.V, 2.0 * par.gate * sigma_r, error)
         if mem.verdict == RESTARTED:
+            falls, settled = bank[0], len(bank) <= 2 * len(STIRS)
             seed(bank, z, par, variance)
+            if settled:
+                bank.append(again(falls, falls.stir, NEVER))
+                return shelved(mem, 0.0, 0.0)
         return mem
+    rated = not isnan(z.r_dot)
     for i in range(len(bank)):
-        bank[i] = used[i] if isnan(z.r_dot) else use_rate(used[i], z.r_dot, m.V, par.sigma_r_dot**2, par.gate)
+        bank[i] = use_rate(used[i], z.r_dot, m.V, par.sigma_r_dot**2, par.gate) if rated else used[i]
     if len(bank) > len(STIRS):
         best, alike = bank[best_of(bank)], []
         for h in bank:
@@ -171,7 +203,7 @@ def observe(bank: list[Polar], mem: Memory, m: Moved, z: Reading, par: Parameter
     alarm = smoothed(mem.alarm, min(leader, par.gate**2))
     if alarm > par.alarm:
         seed(bank, z, par, variance)
-        return Memory(mem.known, RESTARTED, leader, 1.0, nan, 0.0, 0.0, nan)
+        return restarted(mem, leader, 1.0)
     known = 1.0 if bank[0].ptt < 0.25 else mem.known
     return remember(mem, m.dt, leader, known, alarm, error)
 

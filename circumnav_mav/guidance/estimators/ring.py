@@ -23,26 +23,31 @@ CHANGE = 1.0
 TWIN = 3.0
 """A kind of air that was given up starts again from the leader, this much less likely (natural logarithm)."""
 
+NEVER = -1e300
+"""The weight (natural logarithm) of a hypothesis on the shelf: it stands in the bank and has no say."""
+
 ALARM_SHARE = 0.04
 """Weight of one reading in the smoothed normalised innovation: the alarm remembers about 25 readings."""
 
 
 def best_of(bank: list[Any]) -> int:
     """Return the index of the likeliest hypothesis."""
-    best = 0
-    for i in range(1, len(bank)):
-        if bank[i].log_weight > bank[best].log_weight:
-            best = i
+    best, most, i = 0, bank[0].log_weight, 0
+    for h in bank:
+        if h.log_weight > most:
+            best, most = i, h.log_weight
+        i += 1  # noqa: SIM113 (plain Python is quicker so)
     return best
 
 
 def judged(bank: list[Any], nis: list[float]) -> tuple[float, float]:
     """Return the least normalised innovation squared of a reading among the likely hypotheses, and the leader's."""
     likely = bank[best_of(bank)].log_weight - LIKELY
-    least = 1e300
-    for i in range(len(bank)):
-        if bank[i].log_weight > likely and nis[i] < least:
+    least, i = 1e300, 0
+    for h in bank:
+        if h.log_weight > likely and nis[i] < least:
             least = nis[i]
+        i += 1  # noqa: SIM113
     return least, nis[0]
 
 
@@ -65,12 +70,16 @@ def prune(bank: list[Any]) -> None:
     Not for a near tie, or the vehicle would dither.
     """
     best = best_of(bank)
-    least = bank[best].log_weight - PRUNE
-    for i in range(len(bank) - 1, -1, -1):
-        if bank[i].log_weight < least:
-            bank.pop(i)
-            if i < best:
-                best -= 1
+    least, kept = bank[best].log_weight - PRUNE, True
+    for h in bank:
+        if h.log_weight < least:
+            kept = False
+    if not kept:
+        for i in range(len(bank) - 1, -1, -1):
+            if bank[i].log_weight < least:
+                bank.pop(i)
+                if i < best:
+                    best -= 1
     if bank[best].log_weight > bank[0].log_weight + CHANGE:
         bank[0], bank[best] = bank[best], bank[0]
 
@@ -80,16 +89,12 @@ def unflown(bank: list[Any], stirs: tuple[float, ...]) -> list[float]:
     lacking = []
     if len(bank) <= 2 * len(stirs):
         for stir in stirs:
-            if not flies_in(bank, stir):
+            flown = False
+            for h in bank:
+                flown = flown or h.stir == stir
+            if not flown:
                 lacking.append(stir)
     return lacking
-
-
-def flies_in(bank: list[Any], stir: float) -> bool:
-    for h in bank:  # noqa: SIM110 (the compiler takes no generator)
-        if h.stir == stir:
-            return True
-    return False
 
 
 def smoothed(alarm: float, nis: float) -> float:

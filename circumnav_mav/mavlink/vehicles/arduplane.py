@@ -18,7 +18,7 @@ from circumnav_mav.mavlink.commands import Command
 from circumnav_mav.mavlink.dialect import enums
 from circumnav_mav.mavlink.setpoints import G_M_S2, ROLL_ALONE, Encoded, attitude, checked, within, yaw_rate_rad_s
 from circumnav_mav.mavlink.streams import ARDUPILOT_HZ
-from circumnav_mav.mavlink.vehicles.plug import AIRSPEED, ATTITUDE, HEIGHT, IN_WIND, Options, TakeOff, VehicleClass
+from circumnav_mav.mavlink.vehicles.plug import AIRSPEED, ATTITUDE, HEIGHT, HIGH, Options, TakeOff, VehicleClass
 from circumnav_mav.mavlink.vehicles.px4_fixed_wing import PLANES
 from circumnav_mav.types import TurnRateSetpoint
 
@@ -94,7 +94,7 @@ ARDUPLANE = VehicleClass(
     turn_lag_s=0.45,
     encoder=RollAlone,
     defaults={
-        **IN_WIND,
+        **HIGH,
         "orbit": {"radius_m": 150.0, "speed_m_s": 22.0},
         "limits": {"turn_rate_rad_s": 0.6, "turn_accel_rad_s2": 0.3, "bank_deg": 45.0},
     },
