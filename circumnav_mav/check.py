@@ -8,6 +8,7 @@ from math import nan, radians
 from circumnav_mav.advice import ages, bears_lag, drifting, handing_over, rate_of_ranges, seldom, slant, suits
 from circumnav_mav.config import Config, Limits, Ranging, Vehicle
 from circumnav_mav.config_defaults import told
+from circumnav_mav.guidance.estimators import ESTIMATORS
 from circumnav_mav.guidance.laws import LAWS
 from circumnav_mav.guidance.laws.hashemi2013 import DEFAULT_KAPPA, gain
 from circumnav_mav.guidance.verdict import Finding, Flight, Severity, report, report_plain, verdict
@@ -105,6 +106,8 @@ def consequences(config: Config, found: list[Finding]) -> Iterator[str]:
     yield f"orbit      {orbit.radius_m:g} m {orbit.direction} at {orbit.speed_m_s:g} m/s"
     yield from (f"{heading:<10} {words}" for heading, words in told(config))
     yield f"law        {law.name}: {law.source}"
+    needs = ", ".join(sorted(ESTIMATORS[config.estimator.name].needs)).replace("_", " ")
+    yield f"estimator  {config.estimator.name}: needs {needs}; {config.vehicle.kind} has them"
     for finding in found:
         yield f"{MARK[finding.severity]}    {finding.text}"
     yield verdict(found)

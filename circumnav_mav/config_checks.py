@@ -84,6 +84,10 @@ def _estimator_checks(config: Config, guidance: GuidanceSettings) -> Iterator[tu
     if missing:
         able = [name for name, other in ESTIMATORS.items() if set(law.needs) <= other.gives | {"V"}]
         yield "estimator.name", f"law {law.name} needs {', '.join(missing)}, which only {' or '.join(able)} gives"
+    blind = sorted(estimator.needs - config.vehicle_class.senses - {"range"})
+    if blind:
+        lacking = ", ".join(blind).replace("_", " ")
+        yield "estimator.name", f"{estimator.name} needs {lacking}, which {config.vehicle.kind} does not have"
     unknown = sorted(set(given) - set(estimator.options))
     yield from (("estimator." + k, f"no option of {estimator.name}{nearest(k, estimator.options)}") for k in unknown)
     if "sigma_m" in given:

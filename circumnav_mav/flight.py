@@ -246,9 +246,9 @@ class Flight:
 
     def _look_out(self, now_s: float) -> None:
         """Walk the table of causes that end a flight."""
-        news, restarted = self.lookout.look(now_s, self._r_m, self._blind)
-        if restarted:
-            self.notices.say(now_s, "the ranges outvoted the estimate, which starts again", INFO)
+        news, belief = self.lookout.look(now_s, self._r_m, self._blind)
+        if belief:
+            self.notices.say(now_s, belief, INFO)
         for trip in news:
             self.notices.say(now_s, f"{trip.text}: {trip.action.replace('_', ' ')}", WARNING)
         if (trip_now := self.lookout.trip) is not None and trip_now.ends:

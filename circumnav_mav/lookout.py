@@ -24,16 +24,16 @@ class Lookout:
         self._watch = Watch(*safety_limits(config))
         self._last_s = self._engaged_s = nan
         self._turned_rad = 0.0
-        self._restarts = 0
+        self._restarts = self._returns = 0
         self._restarts_s: deque[float] = deque(maxlen=32)
         self.trip: Trip | None = None
 
-    def look(self, now_s: float, r_m: float, blind: str) -> tuple[list[Trip], bool]:
-        """Return (causes that began to hold now, whether the estimator has just started again).
+    def look(self, now_s: float, r_m: float, blind: str) -> tuple[list[Trip], str]:
+        """Return (causes that began to hold now, what the estimator has just done about its belief, or nothing).
 
         r_m: estimated range; blind: what the encoder could make no setpoint without at the last tick.
         """
-        restarted = self._follow(now_s)
+        belief = self._follow(now_s)
         ap, engaged = self._autopilot, self._computer.phase in ENGAGED
         # A silent link is another cause: so heights are as old as they were when the autopilot last spoke.
         height_s = max((ap.heard_s.get(name, -inf) for name in HEIGHT), default=-inf)
@@ -49,13 +49,17 @@ class Lookout:
             laps=abs(self._turned_rad) / (2 * pi),
         )
         self.trip, news = self._watch.check(now_s, facts)
-        return news, restarted
+        return news, belief
 
-    def _follow(self, now_s: float) -> bool:
-        """Keep time, laps and the estimator's restarts while engaged; return whether it has just restarted."""
-        phase, restarts = self._computer.phase, self._computer.restarts
-        restarted = phase in ENGAGED and restarts > self._restarts
-        self._restarts = restarts
+    def _follow(self, now_s: float) -> str:
+        """Keep time, laps and the estimator's restarts while engaged; return what it has just done, or nothing.
+
+        A restart that it took back does not count: echoes had outvoted it, and it knows better.
+        """
+        phase, computer = self._computer.phase, self._computer
+        restarted = phase in ENGAGED and computer.restarts > self._restarts
+        returned = phase in ENGAGED and computer.returns > self._returns
+        self._restarts, self._returns = computer.restarts, computer.returns
         if phase not in ENGAGED:
             self._engaged_s, self._turned_rad = nan, 0.0
             self._restarts_s.clear()
@@ -66,7 +70,11 @@ class Lookout:
             self._turned_rad += turn_rate * (now_s - self._last_s)
         if restarted:
             self._restarts_s.append(now_s)
+        if returned and self._restarts_s:
+            self._restarts_s.pop()
         while self._restarts_s and now_s - self._restarts_s[0] > MINUTE_S:
             self._restarts_s.popleft()
         self._last_s = now_s
-        return restarted
+        if returned:
+            return "the ranges are back where they had been, and so is the estimate"
+        return "the ranges outvoted the estimate, which starts again" if restarted else ""

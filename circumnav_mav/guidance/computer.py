@@ -128,6 +128,11 @@ class GuidanceComputer:
         """Times that the ranges outvoted all that was believed."""
         return self._estimator.restarts if self.choice is None else self.choice.restarts
 
+    @property
+    def returns(self) -> int:
+        """Times that they came back to what had been believed: echoes had outvoted it."""
+        return self._estimator.returns if self.choice is None else self.choice.returns
+
     def on_sample(self, sample: RangeSample, motion: Motion, height_m: float, climb_m_s: float) -> Rejected | None:
         """Use a range; return why not where it is not used. height_m, climb_m_s: the vehicle's, NaN unknown."""
         # A sensor may claim more than was configured. Less is not believed: DISTANCE_SENSOR's ends at 16 cm.

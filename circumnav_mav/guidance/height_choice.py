@@ -54,6 +54,7 @@ class HeightChoice:
         self._tried = {SLANT: build(), LEVEL: build()}
         self._before = dict.fromkeys(WORDS, 0)  # their restarts when this round began
         self._earlier_restarts = 0  # those that counted in the rounds before
+        self._earlier_returns = 0  # of those that are dropped
         self._news: list[str] = []
         self.taken = SLANT
         """How the ranges that are flown on are taken: SLANT or LEVEL."""
@@ -77,6 +78,11 @@ class HeightChoice:
     def restarts(self) -> int:
         """Times that the ranges outvoted every belief there is: the wrong one of the two may restart as it likes."""
         return self._earlier_restarts + min(self._restarts_of(way) for way in self._tried)
+
+    @property
+    def returns(self) -> int:
+        """Times that a belief which had been outvoted came back, in whichever of the two."""
+        return self._earlier_returns + sum(estimator.returns for estimator in self._tried.values())
 
     def _restarts_of(self, way: str) -> int:
         return self._tried[way].restarts - self._before[way]
@@ -132,6 +138,7 @@ class HeightChoice:
             self._news.append(WORDS[likelier])
         if abs(self.for_level) >= DROP:
             self._earlier_restarts = self.restarts - self._restarts_of(likelier)
+            self._earlier_returns += self._tried[OTHER[likelier]].returns
             self._tried = {likelier: self._tried[likelier]}
             self._news.append(f"{WORDS[likelier]}: beyond doubt")
 

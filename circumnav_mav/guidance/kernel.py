@@ -140,5 +140,6 @@ class Estimator:
     """Where each hypothesis has the target, m, all in one frame; None where the estimator has no place."""
 
 
-SOURCES = frozenset({"range", "speed", "turn_rate", "heading", "airspeed"})
-"""What an estimator can ask of sensors; the app refuses one whose sources the vehicle does not have."""
+SOURCES = frozenset({"range", "speed", "turn_rate", "heading"})
+"""What an estimator can ask of sensors: ranges of ranging.source, the rest of the autopilot (speed: the one that the
+vehicle class flies by). A configuration whose class does not have what its estimator needs is refused."""

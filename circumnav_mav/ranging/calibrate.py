@@ -40,6 +40,8 @@ class Calibration:
 
     def verdict(self) -> str:
         """Return one line for people."""
+        if not isfinite(self.bias_m):
+            return f"nothing: {'; '.join(self.problems)}"
         measured = (
             f"bias {self.bias_m:+.3f} m, standard error {self.standard_error_m:.3f} m, from {self.samples} ranges"
         )
@@ -100,7 +102,7 @@ def _problems(found: Calibration, distance_m: float, drift_m: float, resolution_
 
 
 def _too_few(count: int) -> str:
-    return f"{count} ranges are too few: at least {LEAST_SAMPLES} are needed"
+    return f"{count} range{'s are' if count != 1 else ' is'} too few: at least {LEAST_SAMPLES} are needed"
 
 
 def _without_outliers(errors_m: Sequence[float], resolution_m: float) -> list[float]:

@@ -30,9 +30,12 @@ def decoder(options: Mapping[str, Any]) -> ByteDecoder:
     range_si = _unit(options, "range_unit", LENGTH, "m")
     rate_si = _unit(options, "rate_unit", SPEED, "m/s")
     time_si = _unit(options, "time_unit", TIME, "s")
-    base = int(number(options, "id_base", 10, least=2))
+    wanted = number(options, "id_base", 10, least=2)
+    base = int(wanted)
     if base > 36:
         raise ValueError("ranging.id_base must be at most 36")
+    if base != wanted:
+        raise ValueError(f"ranging.id_base is {wanted:g}, but must be a whole number")
 
     def parse(line: str, now_s: float) -> list[Reading | Rejected]:
         if ignore is not None and ignore.search(line):

@@ -74,6 +74,7 @@ SOURCE = ByteSource(
     summary="OmniPreSense OPS241/OPS243 radar, JSON lines: range and Doppler speed",
     decoder=lambda options: LineDecoder(_Parser()),
     resolution_m=0.01,
+    baud=19_200,  # of its UART (UM-003-A); over USB any is right
     most_m=1_000.0,
     has_rate=True,
     carries=frozenset({"stamp_s"}),

@@ -47,8 +47,10 @@ def run_ranging(
         say(line)
     if record is not None and (problem := _record(app.samples, record, say)):
         return problem
+    if not status.accepted:
+        return "no range could be used" + (f": nothing is written to {file}" if distance_m is not None else "")
     if distance_m is None:
-        return "" if status.accepted else "no range could be used"
+        return ""
     found = calibrate(
         [sample.range_m for sample in app.samples],
         distance_m,

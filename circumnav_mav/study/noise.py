@@ -62,10 +62,23 @@ def draw(scenario: Scenario, seed: int, index: int) -> Chance:
 
 def _range_errors(scenario: Scenario, chance: np.random.Generator, n: int) -> Floats:
     errors = chance.standard_normal(n) * scenario.sigma_r_m
-    if scenario.outlier_share > 0.0:
+    if scenario.echo_m > 0.0:
+        errors = errors + scenario.echo_m * echoes(chance.random(n), scenario.outlier_share, scenario.echo_burst)
+    elif scenario.outlier_share > 0.0:
         echo = chance.random(n) < scenario.outlier_share
         errors = errors + echo * chance.exponential(scenario.outlier_mean_m, n)
     return errors
+
+
+def echoes(uniform: Floats, share: float, burst: int) -> NDArray[np.bool_]:
+    """Return which readings are echoes, `burst` at a time, `share` of all in the mean. uniform: a draw a reading."""
+    begins = uniform < share / (burst * (1.0 - share) + share)  # of a reading that is in no burst yet
+    echo, i = np.zeros(len(uniform), dtype=bool), 0
+    while i < len(uniform):
+        if begins[i]:
+            echo[i : i + burst] = True
+        i += burst if begins[i] else 1
+    return echo
 
 
 def _place(scenario: Scenario, chance: np.random.Generator) -> tuple[Plant, World]:

@@ -37,7 +37,9 @@ class Scenario:
     target_deg: float = math.nan
     target_turn_rad_s: float = 0.0
     outlier_share: float = 0.0
-    outlier_mean_m: float = 0.0
+    outlier_mean_m: float = 0.0  # how much too long, exponential
+    echo_m: float = 0.0  # above 0: outliers are all so much too long instead
+    echo_burst: int = 1  # and come so many at a time
     gaps_s: tuple[tuple[float, float], ...] = ()
     believed_speed: float = 1.0  # believed over true airspeed
     heading_error_deg: float = 0.0
@@ -110,6 +112,8 @@ def _all() -> Iterable[Scenario]:
     yield replace(wind5, name="X_dropouts", gaps_s=tuple((t, t + 10.0) for t in range(40, 300, 30)))
     yield replace(wind5, name="X_speed", speed_step=0.15)
     yield replace(wind5, name="X_outliers30", outlier_share=0.3, outlier_mean_m=40.0)
+    yield replace(wind5, name="X_echo_constant", outlier_share=0.2, echo_m=40.0)
+    yield replace(wind5, name="X_echo_bursts", outlier_share=0.1, echo_m=40.0, echo_burst=8)
     yield replace(wind5, name="X_late", latency_steps=10)
 
 

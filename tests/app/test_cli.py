@@ -221,3 +221,17 @@ limits: {{turn_accel_rad_s2: 0.5}}
 """
     done = run("check", written(tmp_path, text))
     assert ("hold in wind below a tenth" in done.stdout) == warned
+
+
+def test_a_calibration_without_a_range_says_so_in_one_line_and_writes_nothing(tmp_path):
+    file = written(tmp_path, text := "vehicle: {link: 'udpin://127.0.0.1:0'}\nranging: {bias_m: 0.1}\n")
+    done = run("ranging", file, "--calibrate", "10", "--duration", "0.1")
+    assert done.exit_code == 1
+    assert f"no range could be used: nothing is written to {file}" in done.output
+    assert "nan" not in done.output and "calibrated" not in done.output
+    assert Path(file).read_text() == text
+
+
+def test_check_shows_what_the_estimator_needs(tmp_path):
+    done = run("check", written(tmp_path, PLANE))
+    assert "estimator  drift: needs heading, range, speed, turn rate; px4_fixed_wing has them" in done.output

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -9,7 +10,9 @@ import yaml
 
 from circumnav_mav.config import Config, ConfigError, guidance_settings, load, parse
 from circumnav_mav.endpoint import parse as parse_endpoint
+from circumnav_mav.guidance.estimators import ESTIMATORS
 from circumnav_mav.guidance.laws.hashemi2013 import DEFAULT_KAPPA
+from circumnav_mav.mavlink.vehicles import VEHICLES
 
 ROOT = Path(__file__).parents[2]
 
@@ -169,3 +172,26 @@ def test_a_beacon_may_be_component_1_of_another_system_and_a_script_component_0(
     """0 is what pymavlink sends with where nothing is said."""
     for vehicle in ("", "vehicle: {system_id: 7}\n"):
         assert parse(f"{vehicle}ranging: {{from: {sender}}}").ranging.sender == tuple(sender)
+
+
+@pytest.mark.parametrize(
+    ("needs", "estimator", "words"),
+    [
+        ([("LOCAL_POSITION_NED",), ("EKF_STATUS_REPORT",)], "direct", "direct needs turn rate, which"),
+        ([("LOCAL_POSITION_NED",), ("EKF_STATUS_REPORT",)], "drift", "drift needs heading, turn rate, which"),
+        ([("ATTITUDE",), ("LOCAL_POSITION_NED", "VFR_HUD")], "raw", "raw needs speed, which"),
+    ],
+)
+def test_an_estimator_is_refused_whose_sources_the_vehicle_class_does_not_have(monkeypatch, needs, estimator, words):
+    blind = replace(VEHICLES["px4_multirotor"], name="blind", needs=tuple(needs))
+    monkeypatch.setitem(VEHICLES, "blind", blind)
+    law = "tangent" if estimator == "drift" else "hashemi2013"
+    text = f"vehicle: {{class: %s}}\nlaw: {{name: {law}}}\nestimator: {{name: {estimator}}}"
+    assert faults(text % "blind") == [f"c.yaml:3: estimator.name: {words} blind does not have"]
+    parse(text % "px4_multirotor")
+
+
+@pytest.mark.parametrize("kind", VEHICLES)
+def test_every_vehicle_class_has_what_every_estimator_needs(kind):
+    for estimator in ESTIMATORS.values():
+        assert estimator.needs <= VEHICLES[kind].senses | {"range"}

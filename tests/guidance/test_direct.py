@@ -5,6 +5,7 @@ import math
 import pytest
 
 from circumnav_mav.guidance.estimators import make
+from circumnav_mav.guidance.estimators.gate import LONGER_S
 from circumnav_mav.guidance.kernel import EstimatorContext, Motion
 from circumnav_mav.types import RangeSample
 from tests.guidance.flight import Flight
@@ -33,7 +34,7 @@ def test_echoes_do_not_move_the_circle(clockwise, share, mean_m):
 def test_a_target_that_jumps_is_found_again():
     flight = Flight(jump=(80.0, 25.0, 10.0)).fly(170.0)
     assert flight.est.restarts == 1
-    assert flight.rejected["outlier"] == 4
+    assert flight.rejected["outlier"] == pytest.approx(10.0 * LONGER_S, abs=1.0)
     assert flight.furthest(130.0) < 1.5
 
 

@@ -262,6 +262,7 @@ class TestLines:
             ({"pattern": "(?P<range>.)", "rate_unit": 3}, "must be one of m/s"),
             ({"pattern": "(?P<range>.)", "time_unit": "min"}, "must be one of s, ms, us"),
             ({"pattern": "(?P<range>.)", "id_base": 37}, "at most 36"),
+            ({"pattern": "(?P<range>.)", "id_base": 2.5}, "id_base is 2.5, but must be a whole number"),
             ({"pattern": "(?P<range>.)", "ignore": "*"}, "no regular expression"),
             ({"pattern": "(?P<range>.)", "range_units": "m"}, "did you mean range_unit"),
         ],

@@ -9,6 +9,8 @@ from typing import Any
 
 import pytest
 
+from circumnav_mav.config import parse
+from circumnav_mav.range_feed import RangeFeed
 from circumnav_mav.ranging import ByteReceiver, Settings, carried, open_receiver
 from circumnav_mav.ranging.plug import Reading, Reason
 from circumnav_mav.types import RangeSample, Rejected
@@ -135,6 +137,21 @@ def test_says_what_it_is(source):
     assert source.baud > 0
     assert source.resolution_m >= 0.0
     assert all(source.options.values())
+
+
+DELIVERED_BAUD = {
+    "linktrack": 921_600,  # Nooploop, LinkTrack user manual
+    "dwm1001_les": 115_200,  # LEAPS, PANS PRO RTLS, integration guide, UART interface
+    "lightware": 115_200,  # SF11 manual; SF02 and SF10: 9600
+    "us_d1": 115_200,  # Ainstein, US-D1 user manual D00.02.01
+    "omnipresense": 19_200,  # OPS243 user manual UM-003-A, p. 13
+}
+
+
+@pytest.mark.parametrize("name", DELIVERED_BAUD)
+def test_a_device_is_opened_at_the_baud_rate_it_is_delivered_with(name):
+    feed = RangeFeed(parse(f"ranging: {{source: {name}, endpoint: '/dev/ttyUSB0'}}").ranging)
+    assert feed.baud == DELIVERED_BAUD[name]
 
 
 def mutate(data: bytes, rng: random.Random) -> bytes:

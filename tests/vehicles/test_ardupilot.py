@@ -122,7 +122,7 @@ def test_it_circles(kind, rms_m):
     ids=["copter", "plane level", "plane slant"],
 )
 def test_the_shipped_configuration_settles(kind, beacon_height):
-    """As it is in the file: the plane is not told whether its beacon lies on the ground, and its ranges are slant."""
+    """As it is in the file: the plane is not told whether its beacon lies on the ground, and ranges are slant."""
     shipped = load(CONFIGS / ("arducopter.yaml" if kind == COPTER else "arduplane.yaml"))
     rig = Rig(kind)
     rig.config, rig.flight, rig.radius_m = shipped, Flight(shipped), shipped.orbit.radius_m

@@ -121,7 +121,7 @@ def settle(bank: list[Side]) -> None:
 
 
 def observe(bank: list[Side], mem: Memory, m: Moved, z: Reading, par: Parameters) -> Memory:
-    """Carry the bank to the reading, judge it and use it; take a shelved belief back when the ranges are at it again."""
+    """Carry the bank to the reading, judge it and use it; take a shelved belief back when ranges fit it again."""
     if isnan(mem.shelf_s):
         return follow(bank, mem, m, z, par)
     h = bank.pop()

@@ -29,7 +29,6 @@ from circumnav_mav.guidance.estimators.ring import (
     TWIN,
     best_of,
     judged,
-    lead,
     merge,
     prune,
     smoothed,
@@ -93,11 +92,12 @@ def seed_again(bank: list[Drift], mem: Memory, m: Moved, z: Reading, par: Parame
     It followed the ranges, so it knew their rate; and it is sooner wrong in the drift than in the bearing by a right
     angle. A ring that leads blindly turns the vehicle round, as likely as not towards a target that is near by now.
     """
+    bank[0] = bank[heir(bank, par)]
     here = carry(bank, mem, Moved(0.0, 0.0, 0.0, 0.0, m.V, m.u, m.psi), par)
     seed(bank, z, par, variance, atan2(here.py, here.px))
     for i in range(RING):
         bank[i] = use_rate(bank[i], here.r_dot, m, (KEPT_RATE * par.V) ** 2, par.gate)
-    lead(bank, prune(bank), False)
+    prune(bank)
 
 
 def split(bank: list[Drift]) -> None:
@@ -134,28 +134,22 @@ def same(h: Drift, best: Drift) -> bool:
     return du * du + dv * dv < 0.25 * (best.uu + best.vv)
 
 
-def plausible(h: Drift, par: Parameters) -> bool:
-    return h.wx * h.wx + h.wy * h.wy <= par.w_most * par.w_most and abs(h.s) <= par.s_most
+def possible(h: Drift, par: Parameters) -> bool:
+    return hypot(h.wx, h.wy) <= par.w_most and abs(h.s) <= par.s_most
 
 
-def fittest(bank: list[Drift], best: int, par: Parameters) -> int:
-    """Return the index of the likeliest hypothesis with a drift and a scale that can be; -1 where none is likely.
-
-    `best` is the likeliest of all. Before the first turns a right one, still wide, may stray past the bounds and come
-    back: it is kept, and only does not lead.
-    """
-    if plausible(bank[best], par):
-        return best
-    likely, fit, i = bank[best].log_weight - LIKELY, -1, 0
+def heir(bank: list[Drift], par: Parameters) -> int:
+    """Return the index of the likeliest hypothesis that is possible; 0, the leader, where none is likely."""
+    likely, best, i = bank[best_of(bank)].log_weight - LIKELY, 0, 0
     for h in bank:
-        if h.log_weight > likely and plausible(h, par):
-            likely, fit = h.log_weight, i
+        if h.log_weight > likely and possible(h, par):
+            likely, best = h.log_weight, i
         i += 1  # noqa: SIM113 (plain Python is quicker so)
-    return fit
+    return best
 
 
 def observe(bank: list[Drift], mem: Memory, m: Moved, z: Reading, par: Parameters) -> Memory:
-    """Carry the bank to the reading, judge it and use it; take a shelved belief back when the ranges are at it again."""
+    """Carry the bank to the reading, judge it and use it; take a shelved belief back when ranges fit it again."""
     if isnan(mem.shelf_s):
         return follow(bank, mem, m, z, par)
     h = bank.pop()
@@ -216,13 +210,11 @@ def follow(bank: list[Drift], mem: Memory, m: Moved, z: Reading, par: Parameters
         for h in bank:
             alike.append(same(h, best))
         merge(bank, alike)
-    fit = fittest(bank, prune(bank), par)
-    if fit >= 0:
-        lead(bank, fit, not plausible(bank[0], par))
+    prune(bank)
     for stir in unflown(bank, STIRS):
         bank.append(again(bank[0], stir, bank[0].log_weight - TWIN))
     alarm = smoothed(mem.alarm, min(leader, par.gate**2))
-    if alarm > par.alarm or fit < 0:
+    if alarm > par.alarm or not possible(bank[0], par):
         seed_again(bank, mem, m, z, par, variance)
         return restarted(mem, leader, 1.0)
     return remember(mem, m.dt, leader, 1.0, alarm, error)
@@ -300,7 +292,7 @@ ESTIMATOR = Estimator(
     places=places,
     parameters=parameters,
     options=OPTIONS,
-    needs=frozenset({"range", "speed", "turn_rate", "heading", "airspeed"}),
+    needs=frozenset({"range", "speed", "turn_rate", "heading"}),
     gives=frozenset({"r", "r_dot", "V", "u", "theta", "psi", "px", "py", "wx", "wy"}),
     source="ring of extended Kalman filters",
 )

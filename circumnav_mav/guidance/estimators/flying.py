@@ -6,7 +6,7 @@ a late sample is put where it belongs, a dropout costs nothing, and an estimate 
 
 from __future__ import annotations
 
-from math import exp, isnan, log, nan, sqrt
+from math import copysign, exp, isnan, log, nan, sqrt
 from typing import Any
 
 from circumnav_mav.guidance.estimators.noise import NoiseMeter
@@ -50,7 +50,7 @@ class FlyingEstimator:
         self._mem = Memory()
         self._trail = Trail(TRAIL_S, self._speed_m_s)
         self._anchor: Place | None = None  # where the bank stands
-        self.noise = NoiseMeter()  # in units of what each sample says: a levelled slant range says more near overhead
+        self.noise = NoiseMeter()
         self.restarts = 0  # times the readings outvoted the belief since the reset
         self.returns = 0  # times they came back to one that they had outvoted: an echo had won
 
@@ -71,10 +71,10 @@ class FlyingEstimator:
             moved = self._trail.between(self._anchor, place, motion)
         else:
             return Rejected(sample.t_s, "out_of_order", "a later range was used before it")
-        reading = Reading(sample.range_m, sample.range_rate_m_s, sample.sigma_m * self.noise.sigma(1.0))
+        reading = Reading(sample.range_m, sample.range_rate_m_s, self.noise.sigma(sample.sigma_m))
         self._mem = self._kernels.observe(self._bank, self._mem, moved, reading, self._par)
         self._anchor = place
-        self.noise.add(self._mem.error / sample.sigma_m)
+        self.noise.add(_own_noise(self._mem, reading.sigma_r), sample.sigma_m)
         if self._mem.verdict == OUTLIER:
             return Rejected(sample.t_s, "outlier", f"{sample.range_m:.1f} m does not fit the ranges before it")
         if self._mem.verdict == RESTARTED:
@@ -117,8 +117,10 @@ class FlyingEstimator:
         return nan if isnan(variance) else sqrt(max(0.0, variance))
 
     def times_noisier(self) -> float:
-        """Return how many times noisier the ranges are than their samples say; 1 unless they clearly are."""
-        return self.noise.sigma_m if self.noise.noisier(1.0) else 1.0
+        """Return how many times noisier the ranges are than their samples say (a levelled slant range says more than
+        the range itself did); 1 unless they surely are.
+        """
+        return self.noise.times if self.noise.surely else 1.0
 
     def evidence(self) -> float:
         """Return the log of the likelihood of the readings used since the bank began, up to a constant; NaN before.
@@ -138,3 +140,13 @@ class FlyingEstimator:
     def sample_time_s(self) -> float:
         """Return the time of the last sample that arrived, used or refused; NaN before the first."""
         return nan if self._anchor is None else self._anchor.t_s
+
+
+def _own_noise(mem: Memory, sigma_m: float) -> float:
+    """Return what of the last innovation is the reading's own noise, m, if that has `sigma_m`.
+
+    A filter that is quick (in hover: the vehicle may speed up any moment) follows the noise, and is missed by more.
+    """
+    if mem.verdict == OUTLIER or isnan(mem.nis) or isnan(mem.error):
+        return mem.error
+    return copysign(sigma_m * sqrt(mem.nis), mem.error)

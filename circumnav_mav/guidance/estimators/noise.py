@@ -1,7 +1,8 @@
 """How noisy the ranges are, as they show it: a radio in the field is seldom as good as its configured sigma.
 
 Differences of successive innovations have twice the noise's variance and hardly any of what a wrong speed or wind
-leaves in them; an outlier stands in two of them, so that their lower quartile bears a third of outliers.
+leaves in them; an outlier stands in two of them, so that their lower quartile bears a third of outliers. Each is taken
+as a multiple of the sigma expected of its range, which for a levelled slant range changes along the flight.
 """
 
 from __future__ import annotations
@@ -21,27 +22,34 @@ says so."""
 
 
 class NoiseMeter:
-    """Measures the noise of ranges. sigma_m: as measured, m; NaN while too few were heard."""
+    """Measures the noise of ranges. times: how many times the expected sigma; NaN while too few were heard.
+
+    noisier: whether that is clearly more than once; it changes with ranges only, never because somebody asks.
+    """
 
     def __init__(self) -> None:
         self._differences: deque[float] = deque()
         self._ordered: list[float] = []  # the same, by size
         self._last = nan
-        self._noisier = False
-        self.sigma_m = nan
+        self.noisier = False
+        self.times = nan
+        self._lasting = 0  # ranges since it became so
 
-    def add(self, innovation_m: float) -> None:
-        """Take in a measured range minus the predicted one, used or not; NaN where nothing was predicted."""
-        if not isnan(innovation_m - self._last):
-            self._put(abs(innovation_m - self._last))
+    def add(self, innovation_m: float, expected_m: float) -> None:
+        """Take in a measured range minus the predicted one, used or not, and its expected sigma; NaN: not known."""
+        difference = abs(innovation_m - self._last) / expected_m
+        if not isnan(difference):
+            self._put(difference)
             if len(self._ordered) >= ENOUGH:
-                self.sigma_m = self._ordered[(len(self._ordered) - 1) // 4] / (QUARTILE_OF_NORMAL * sqrt(2.0))
+                self.times = self._ordered[(len(self._ordered) - 1) // 4] / (QUARTILE_OF_NORMAL * sqrt(2.0))
+                self.noisier = self.times > (NO_MORE if self.noisier else CLEARLY)
+                self._lasting = self._lasting + 1 if self.noisier else 0
         self._last = innovation_m
 
-    def _put(self, difference_m: float) -> None:
+    def _put(self, difference: float) -> None:
         """Take a difference in and the oldest out; in order always, because sorting costs as much as a filter."""
-        self._differences.append(difference_m)
-        insort(self._ordered, difference_m)
+        self._differences.append(difference)
+        insort(self._ordered, difference)
         if len(self._differences) > WINDOW:
             del self._ordered[bisect_left(self._ordered, self._differences.popleft())]
 
@@ -49,11 +57,11 @@ class NoiseMeter:
         """The belief was replaced: the next innovation has nothing to do with the last."""
         self._last = nan
 
-    def noisier(self, expected_m: float) -> bool:
-        """Return whether the ranges are clearly noisier than expected."""
-        self._noisier = self.sigma_m > (NO_MORE if self._noisier else CLEARLY) * expected_m
-        return self._noisier
+    @property
+    def surely(self) -> bool:
+        """Whether they were noisier for so long that nothing is left of what first showed it: chance seldom stays."""
+        return self._lasting > WINDOW
 
     def sigma(self, expected_m: float) -> float:
         """Return the sigma to use, m: the expected one, unless the ranges are clearly noisier."""
-        return min(self.sigma_m, MOST * expected_m) if self.noisier(expected_m) else expected_m
+        return min(self.times, MOST) * expected_m if self.noisier else expected_m

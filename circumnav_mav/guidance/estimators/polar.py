@@ -18,7 +18,6 @@ from circumnav_mav.guidance.estimators.ring import (
     TWIN,
     best_of,
     judged,
-    lead,
     log_likelihood,
     merge,
     prune,
@@ -147,7 +146,7 @@ def same(h: Polar, best: Polar) -> bool:
 
 
 def observe(bank: list[Polar], mem: Memory, m: Moved, z: Reading, par: Parameters) -> Memory:
-    """Carry the bank to the reading, judge it and use it; take a shelved belief back when the ranges are at it again."""
+    """Carry the bank to the reading, judge it and use it; take a shelved belief back when ranges fit it again."""
     if isnan(mem.shelf_s):
         return follow(bank, mem, m, z, par)
     h = bank.pop()
@@ -198,7 +197,7 @@ def follow(bank: list[Polar], mem: Memory, m: Moved, z: Reading, par: Parameters
         for h in bank:
             alike.append(same(h, best))
         merge(bank, alike)
-    lead(bank, prune(bank), False)
+    prune(bank)
     for stir in unflown(bank, STIRS):
         bank.append(again(bank[0], stir, bank[0].log_weight - TWIN))
     alarm = smoothed(mem.alarm, min(leader, par.gate**2))

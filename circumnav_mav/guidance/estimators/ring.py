@@ -64,8 +64,11 @@ def merge(bank: list[Any], same: list[bool]) -> None:
         bank[0] = bank.pop(best)
 
 
-def prune(bank: list[Any]) -> int:
-    """Give up hypotheses that the readings speak against; return the index of the likeliest."""
+def prune(bank: list[Any]) -> None:
+    """Give up hypotheses that the readings speak against, and let the likeliest lead.
+
+    Not for a near tie, or the vehicle would dither.
+    """
     best = best_of(bank)
     least, kept = bank[best].log_weight - PRUNE, True
     for h in bank:
@@ -77,15 +80,7 @@ def prune(bank: list[Any]) -> int:
                 bank.pop(i)
                 if i < best:
                     best -= 1
-    return best
-
-
-def lead(bank: list[Any], best: int, ends: bool) -> None:
-    """Let the hypothesis `best` lead where it is clearly likelier: not for a near tie, or the vehicle would dither.
-
-    ends: the one that leads now cannot go on.
-    """
-    if ends or bank[best].log_weight > bank[0].log_weight + CHANGE:
+    if bank[best].log_weight > bank[0].log_weight + CHANGE:
         bank[0], bank[best] = bank[best], bank[0]
 
 

@@ -19,6 +19,8 @@ AIRSPEED = ("VFR_HUD",)
 ESTIMATOR = ("ESTIMATOR_STATUS", "EKF_STATUS_REPORT")
 HEIGHT = ("GLOBAL_POSITION_INT", "LOCAL_POSITION_NED", "VFR_HUD")
 """Groups of messages of which a class needs one."""
+SPEED_OF = {"ground": VELOCITY, "air": AIRSPEED, "believed": ATTITUDE}
+"""What brings the speed of the law, by VehicleClass.speed."""
 NO_ATTITUDE = "no attitude from the autopilot"
 NO_PLACE = "no place and course from the autopilot"
 
@@ -121,6 +123,13 @@ class VehicleClass:
     attitude: bool = False  # flies by attitude: takes vehicle.pitch_deg and vehicle.thrust
     wants_pitch: bool = False  # cannot fly without vehicle.pitch_deg
     hands_over: bool = True  # can ask for Hold, Return and Land: they need a position
+
+    @property
+    def senses(self) -> frozenset[str]:
+        """What an estimator can be sure of: that which some group of `needs` always brings."""
+        groups = [set(group) for group in self.needs]
+        bringers = {"turn_rate": ATTITUDE, "heading": ATTITUDE, "speed": SPEED_OF[self.speed]}
+        return frozenset(what for what, by in bringers.items() if any(group <= set(by) for group in groups))
 
     def turn_rate_limit(self, turn_rate_rad_s: float, bank_rad: float, speed_m_s: float) -> float:
         """Return the turn rate [rad/s] that limits, bank and lateral acceleration all allow at a speed."""
