@@ -155,7 +155,7 @@ def judge(
 
     A density of r is one of R by the factor dr/dR = R / r.
     """
-    before, restarts = estimator.evidence(), estimator.restarts
+    before, restarts, returns = estimator.evidence(), estimator.restarts, estimator.returns
     rejected = use(estimator, reading, motion)
     if isinstance(reading, Rejected):
         return 0.0, rejected
@@ -163,5 +163,7 @@ def judge(
         return REFUSED - log(sample.sigma_m) - RESTART, rejected
     if rejected is not None and rejected.reason == "outlier":
         return REFUSED - log(sample.sigma_m), rejected
+    if estimator.returns > returns:  # another bank, whose sum is another's; the range is where it was expected
+        return -log(sample.sigma_m), rejected
     gain = estimator.evidence() - before + log(sample.range_m / reading.range_m)
     return (0.0 if isnan(gain) else gain), rejected

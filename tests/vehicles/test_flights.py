@@ -236,8 +236,17 @@ def test_a_multirotor_without_a_velocity_is_not_engaged_by_velocity():
 CONFIGS = Path(__file__).parents[2] / "configs"
 
 
-@pytest.mark.parametrize("path", sorted(CONFIGS.glob("*.yaml")), ids=lambda path: path.stem)
-def test_every_shipped_configuration_settles_on_the_stub(path):
+def kinds_of_ranges() -> list[Any]:
+    """Return each shipped file with whether its ranges are slant: both, where it is to find out."""
+    return [
+        pytest.param(path, slant, id=f"{path.stem} {'slant' if slant else 'level'}")
+        for path in sorted(CONFIGS.glob("*.yaml"))
+        for slant in {None: [False], "auto": [False, True]}.get(load(path).ranging.target_height_m, [True])
+    ]
+
+
+@pytest.mark.parametrize(("path", "slant"), kinds_of_ranges())
+def test_every_shipped_configuration_settles_on_the_stub(path, slant):
     """As it is in the file, but for who engages, and for radios that the stub does not have. Slant ranges are slant."""
     shipped = load(path)
     vehicle, orbit = shipped.vehicle_class, shipped.orbit
@@ -252,7 +261,7 @@ def test_every_shipped_configuration_settles_on_the_stub(path):
         airborne(
             distance_m=3.0 * orbit.radius_m,
             height_m=orbit.height_m or 20.0,
-            beacon_height_m=(orbit.height_m or 20.0) if ground_m is None else ground_m,
+            beacon_height_m=ground_m if slant else orbit.height_m or 20.0,
             airframe=vehicle.airframe,
             start_speed_m_s=orbit.speed_m_s if flies else 0.0,
             range_sigma_m=shipped.ranging.sigma_m,
