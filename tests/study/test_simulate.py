@@ -93,7 +93,7 @@ def test_settled_is_inside_the_band_for_good():
 
 @pytest.mark.parametrize(("seed", "index"), [(90210, 33), (2003, 724), (2001, 614)])
 def test_an_entry_whose_belief_fell_near_the_circle_keeps_the_range(seed, index):
-    """They came to 13.6, 2.6 and 23.0 m when a ring started again led blindly: 2 of 10,000 below r_a / 4."""
+    """They came to 13.6, 2.6 and 23.0 m when a ring started again led blindly: 2 of 8,000 below r_a / 4."""
     outcome, _ = fly_one(dataclasses.replace(SCENARIOS["R_moving"], duration_s=60.0), OURS, seed, index)
     assert outcome.least_range > 0.5 * 80.0
 

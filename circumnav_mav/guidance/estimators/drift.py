@@ -22,7 +22,7 @@ from circumnav_mav.guidance.estimators.drift_gaussian import (
     use_range,
     use_rate,
 )
-from circumnav_mav.guidance.estimators.gate import compared, refuse, remember, restarted, shelved
+from circumnav_mav.guidance.estimators.gate import AGREE_S, compared, refuse, remember, restarted, shelved
 from circumnav_mav.guidance.estimators.ring import LIKELY, NEVER, TWIN, best_of, judged, merge, prune, smoothed, unflown
 from circumnav_mav.guidance.kernel import (
     RESTARTED,
@@ -82,6 +82,7 @@ def seed_again(bank: list[Drift], mem: Memory, m: Moved, z: Reading, par: Parame
     It followed the ranges, so it knew their rate; and it is sooner wrong in the drift than in the bearing by a right
     angle. A ring that leads blindly turns the vehicle round, as likely as not towards a target that is near by now.
     """
+    bank[0] = bank[heir(bank, par)]
     here = carry(bank, mem, Moved(0.0, 0.0, 0.0, 0.0, m.V, m.u, m.psi), par)
     seed(bank, z, par, variance, atan2(here.py, here.px))
     for i in range(RING):
@@ -123,18 +124,15 @@ def same(h: Drift, best: Drift) -> bool:
     return du * du + dv * dv < 0.25 * (best.uu + best.vv)
 
 
-def heir(bank: list[Drift], par: Parameters) -> int:
-    """Return the index of the one that leads on: 0, unless its drift or its scale cannot be; -1 where there is none.
+def possible(h: Drift, par: Parameters) -> bool:
+    return hypot(h.wx, h.wy) <= par.w_most and abs(h.s) <= par.s_most
 
-    The likeliest is heir whose drift and scale can be together. One that does not lead may stray past the bounds and
-    come back: before the first turns even a right one is that wide.
-    """
-    h = bank[0]
-    if hypot(h.wx, h.wy) <= par.w_most and abs(h.s) <= par.s_most:
-        return 0
-    likely, best, i = bank[best_of(bank)].log_weight - LIKELY, -1, 0
+
+def heir(bank: list[Drift], par: Parameters) -> int:
+    """Return the index of the likeliest hypothesis that is possible; 0, the leader, where none is likely."""
+    likely, best, i = bank[best_of(bank)].log_weight - LIKELY, 0, 0
     for h in bank:
-        if h.log_weight > likely and (hypot(h.wx, h.wy) / par.w_most) ** 2 + (h.s / par.s_most) ** 2 < 1.0:
+        if h.log_weight > likely and possible(h, par):
             likely, best = h.log_weight, i
         i += 1  # noqa: SIM113 (plain Python is quicker so)
     return best
@@ -187,9 +185,10 @@ def follow(bank: list[Drift], mem: Memory, m: Moved, z: Reading, par: Parameters
     least, leader = judged(bank, nis)
     error = z.r - hypot(bank[0].px, bank[0].py)
     if least > par.gate**2:
+        settled = len(bank) <= 2 * len(STIRS) and mem.stood_s >= AGREE_S
         mem = refuse(mem, z.r, m.dt, 2.0 * par.V, 2.0 * par.gate * sigma_r, error)
         if mem.verdict == RESTARTED:
-            falls, settled = bank[0], len(bank) <= 2 * len(STIRS)
+            falls = bank[0]
             seed(bank, z, par, variance, atan2(falls.py, falls.px))
             if settled:
                 bank.append(again(falls, falls.stir, NEVER))
@@ -203,13 +202,10 @@ def follow(bank: list[Drift], mem: Memory, m: Moved, z: Reading, par: Parameters
             alike.append(same(h, best))
         merge(bank, alike)
     prune(bank)
-    first = heir(bank, par)
-    if first > 0:
-        bank[0], bank[first] = bank[first], bank[0]
     for stir in unflown(bank, STIRS):
         bank.append(again(bank[0], stir, bank[0].log_weight - TWIN))
     alarm = smoothed(mem.alarm, min(leader, par.gate**2))
-    if alarm > par.alarm or first < 0:
+    if alarm > par.alarm or not possible(bank[0], par):
         seed_again(bank, mem, m, z, par, variance)
         return restarted(mem, leader, 1.0)
     return remember(mem, m.dt, leader, 1.0, alarm, error)
