@@ -16,7 +16,8 @@ from typing import Annotated
 import typer
 
 from circumnav_mav import __version__, cli_study
-from circumnav_mav.config import Config, ConfigError, load
+from circumnav_mav.config import Config
+from circumnav_mav.config_file import ConfigError, load
 from circumnav_mav.runtime.app import Options
 from circumnav_mav.runtime.clock import Clock
 from circumnav_mav.runtime.demo import demo_config, demo_note, run_demo

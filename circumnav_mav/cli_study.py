@@ -165,7 +165,7 @@ def tune(
     _before_the_work([out, plot, json])
     with _extras(), _in_words():
         from circumnav_mav import bar
-        from circumnav_mav.config import load
+        from circumnav_mav.config_file import load
         from circumnav_mav.study import tune as search
         from circumnav_mav.study import tune_report
         from circumnav_mav.study.aircraft import Aircraft, gains_of

@@ -17,7 +17,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from circumnav_mav.config import load
+from circumnav_mav.config_file import load
 from tests.lockstep import Rig, airborne
 
 ROWS = ("ground", "level", "ground_outliers", "level_outliers")

@@ -11,7 +11,8 @@ import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
-from circumnav_mav.config import Config, ConfigError, Fault, Ranging
+from circumnav_mav.config import Config, Ranging
+from circumnav_mav.config_file import ConfigError, Fault
 from circumnav_mav.mavlink.px4_modes import WORDS as PX4
 from circumnav_mav.runtime.app import Options
 from circumnav_mav.runtime.pace import PacedClock

@@ -10,7 +10,7 @@ import yaml
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, MaxNLocator, NullLocator
 
-from circumnav_mav.config import ConfigError, parse
+from circumnav_mav.config_file import ConfigError, parse
 from circumnav_mav.study.aircraft import Aircraft, Gains
 from circumnav_mav.study.tune import Score, Tuned, most_effort, pareto
 from circumnav_mav.study.tune_spaces import MEANINGS

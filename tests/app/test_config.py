@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 import yaml
 
-from circumnav_mav.config import Config, ConfigError, guidance_settings, load, parse
+from circumnav_mav.config import Config, guidance_settings
+from circumnav_mav.config_file import ConfigError, load, parse
 from circumnav_mav.endpoint import parse as parse_endpoint
 from circumnav_mav.guidance.estimators import ESTIMATORS
 from circumnav_mav.guidance.laws.hashemi2013 import DEFAULT_KAPPA

@@ -7,7 +7,7 @@ import random
 
 import pytest
 
-from circumnav_mav.config import parse
+from circumnav_mav.config_file import parse
 from circumnav_mav.guidance.kernel import Estimate, LawContext, mirror
 from circumnav_mav.guidance.laws import LAWS
 from circumnav_mav.guidance.laws.hashemi2013 import LAW, Parameters, parameters, turn_rate

@@ -6,7 +6,7 @@ import os
 
 import pytest
 
-from circumnav_mav.config import parse
+from circumnav_mav.config_file import parse
 from tests.lockstep import Rig, airborne
 
 SHARE = float(os.environ.get("SOAK_SHARE", "1"))

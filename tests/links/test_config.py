@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from circumnav_mav.config import ConfigError, parse
+from circumnav_mav.config_file import ConfigError, parse
 from circumnav_mav.endpoint import parse as parse_endpoint
 from circumnav_mav.range_feed import RangeFeed
 from circumnav_mav.ranging import SOURCES, ByteSource

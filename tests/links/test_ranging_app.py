@@ -11,7 +11,7 @@ import socket
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
-from circumnav_mav.config import parse
+from circumnav_mav.config_file import parse
 from circumnav_mav.runtime.ranging_app import RangingApp, summary
 from circumnav_mav.runtime.ranging_view import PlainRangingView, draw
 from sitl_stub.devices import DEVICES, Node, linktrack_node_frame3

@@ -11,7 +11,7 @@ import sys
 import pytest
 import serial
 
-from circumnav_mav.config import parse as config
+from circumnav_mav.config_file import parse as config
 from circumnav_mav.endpoint import Endpoint, parse
 from circumnav_mav.mavlink.codec import Packer, Splitter
 from circumnav_mav.range_feed import RangeFeed

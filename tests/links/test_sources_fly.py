@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
-from circumnav_mav.config import load
+from circumnav_mav.config_file import load
 from circumnav_mav.flight import RANGING, VEHICLE
 from sitl_stub.devices import DEVICES
 from tests.app.test_table import keep_the_rules

@@ -5,7 +5,7 @@ import csv
 import numpy as np
 import pytest
 
-from circumnav_mav.config import parse
+from circumnav_mav.config_file import parse
 from circumnav_mav.flight_record import TickRecord
 from circumnav_mav.study import from_log
 from circumnav_mav.study.aircraft import Aircraft

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import pytest
 
-from circumnav_mav.config import parse
+from circumnav_mav.config_file import parse
 from circumnav_mav.guidance.estimators import ESTIMATORS
 from circumnav_mav.guidance.kernel import EstimatorContext, LawContext
 from circumnav_mav.guidance.laws import LAWS

@@ -10,7 +10,7 @@ import pytest
 from typer.testing import CliRunner
 
 from circumnav_mav.cli import app
-from circumnav_mav.config import load
+from circumnav_mav.config_file import load
 from circumnav_mav.study.aircraft import Aircraft, gains_of
 from circumnav_mav.study.scenarios import SCENARIOS
 from circumnav_mav.study.simulate import simulate

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from circumnav_mav.config import parse
+from circumnav_mav.config_file import parse
 from circumnav_mav.range_feed import RangeFeed
 from circumnav_mav.ranging import ByteReceiver, Settings, carried, open_receiver
 from circumnav_mav.ranging.plug import Reading, Reason

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import pytest
 
-from circumnav_mav.config import ConfigError, parse
+from circumnav_mav.config_file import ConfigError, parse
 from circumnav_mav.endpoint import Endpoint
 from circumnav_mav.mavlink.autopilot import Autopilot
 from circumnav_mav.mavlink.codec import Decoder, Packer, Splitter

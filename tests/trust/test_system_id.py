@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
-from circumnav_mav.config import ConfigError, parse
+from circumnav_mav.config_file import ConfigError, parse
 from circumnav_mav.readiness import Audit
 from circumnav_mav.runtime.app import no_autopilot
 from circumnav_mav.settings_check import Severity

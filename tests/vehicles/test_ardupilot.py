@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
-from circumnav_mav.config import load
+from circumnav_mav.config_file import load
 from circumnav_mav.flight import Flight
 from circumnav_mav.flight_record import TickRecord
 from tests.lockstep import config

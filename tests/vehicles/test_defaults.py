@@ -6,7 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from circumnav_mav.config import ConfigError, guidance_settings, load, parse
+from circumnav_mav.config import guidance_settings
+from circumnav_mav.config_file import ConfigError, load, parse
 from circumnav_mav.guidance.estimators import ESTIMATORS
 from circumnav_mav.guidance.laws import LAWS
 from circumnav_mav.mavlink.vehicles import VEHICLES

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from circumnav_mav.config import load
+from circumnav_mav.config_file import load
 from tests.lockstep import Peer, Rig, airborne, config
 
 HOLD, ALTITUDE, OFFBOARD = 0x03040000, 0x00020000, 0x00060000
