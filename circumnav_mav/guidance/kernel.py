@@ -104,6 +104,7 @@ class Memory(NamedTuple):
     error: float = NAN  # the last reading, used or not, minus the range that the leader had expected, m
     shelf_s: float = NAN  # how long a belief that fell has been kept, the last of the bank; NaN: none is
     shelf_votes: float = 0.0  # for that one, less those against it
+    stood_s: float = 0.0  # for how long readings have spoken for the belief: a few seconds at most
 
 
 ACCEPTED, OUTLIER, RESTARTED, RETURNED = 0.0, 1.0, 2.0, 3.0

@@ -49,8 +49,9 @@ class Options:
 
 @dataclass(slots=True)
 class Result:
-    """How a run ended. outcome: completed, released, range_lost, refused, no_autopilot, no_range, link_ended, hung,
-    stopped, not_engaged.
+    """How a run ended.
+
+    outcome: completed, released, range_lost, refused, no_autopilot, no_range, link_ended, hung, stopped, not_engaged.
     """
 
     outcome: str

@@ -71,7 +71,7 @@ def drive(
     """
     world = start
     bank = BEGIN(est_par)
-    mem = Memory(0.0, 0.0, nan, 0.0, nan, 0.0, 0.0, nan, nan, 0.0)
+    mem = Memory(0.0, 0.0, nan, 0.0, nan, 0.0, 0.0, nan, nan, 0.0, 0.0)
     place = Place(0.0, 0.0, 0.0, 0.0, nan)
     anchor = place
     seen = [place]  # the last `latency + 1` places

@@ -199,7 +199,7 @@ def test_the_readme_has_every_exit_code_and_outcome():
     codes = readme[readme.index("Exit codes:") :].split("\n\n")[0]
     assert all(f"{code} " in codes for code in (0, cli.EXIT_FLIGHT, cli.EXIT_USAGE, cli.EXIT_LINK, cli.EXIT_WARNINGS))
     assert f"{cli.EXIT_CRASH} " in codes
-    for outcome in (Result.__doc__ or "").rsplit("outcome: ")[-1].rstrip(".").split(", "):
+    for outcome in " ".join((Result.__doc__ or "").split()).rsplit("outcome: ")[-1].rstrip(".").split(", "):
         assert f"`{outcome}`" in readme, outcome
 
 

@@ -36,6 +36,7 @@ class Flight:
     gaps: tuple[tuple[float, float], ...] = ()
     wind: tuple[float, float] = (0.0, 0.0)
     jump: tuple[float, float, float] = (math.inf, 0.0, 0.0)  # time, new place of the target
+    echo: tuple[float, float, float] = (math.inf, math.inf, 0.0)  # from, to, how much too long every range is
     tick_hz: float = 50.0
     seed: int = 1
     compass: bool = True
@@ -76,7 +77,7 @@ class Flight:
                         vx = self.V * math.cos(psi) + self.wind[0]
                         vy = self.V * math.sin(psi) + self.wind[1]
                         r_dot = ((x - tx) * vx + (y - ty) * vy) / r + draw.gauss(0.0, self.sigma_r_dot)
-                    z = r + draw.gauss(0.0, self.sigma_r)
+                    z = r + draw.gauss(0.0, self.sigma_r) + (self.echo[2] if self.echo[0] <= t < self.echo[1] else 0.0)
                     if draw.random() < self.outliers:
                         z += draw.expovariate(1.0 / self.outlier_mean_m)
                     waiting.append(

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,6 +12,7 @@ import pytest
 from circumnav_mav.guidance.estimators import direct
 from circumnav_mav.guidance.kernel import Estimate, EstimatorContext, LawContext, Memory, Moved, Reading
 from circumnav_mav.guidance.laws import LAWS
+from circumnav_mav.guidance.laws.tangent import run_in
 
 V, R_A, LIMIT, KAPPA = 15.0, 80.0, 0.458, 3.0
 K = KAPPA / R_A
@@ -140,3 +143,17 @@ def test_what_the_direct_filter_knows_in_the_end():
     density = 1.0 * T
     assert math.sqrt(direct.covariance(bank)[0]) == pytest.approx((4 * par.q * density**3) ** (1 / 8), rel=0.1)
     assert math.sqrt(direct.covariance(bank)[2]) == pytest.approx((4 * par.q**3 * density) ** (1 / 8), rel=0.1)
+
+
+def test_how_far_the_course_of_the_tangent_law_is_from_the_tangent():
+    """The table of docs/guidance_law.md: the straight tangent makes acos(r_a / r) with the perpendicular."""
+    text = (Path(__file__).parents[2] / "docs" / "guidance_law.md").read_text()
+    reaches, shares = (
+        [float(cell.split()[0]) for cell in re.search(rf"^\| {head} \|(.*)\|$", text, re.MULTILINE)[1].split("|")]
+        for head in ("reach / r_a", "short of it by")
+    )
+    assert len(reaches) == len(shares) == 5
+    for reach, share in zip(reaches, shares, strict=True):
+        short = [1.0 - run_in(r, 1.0, reach)[0] / math.acos(1.0 / r) for r in (2.0 + 0.01 * i for i in range(10_000))]
+        assert max(short) == short[0]  # most at r = 2 r_a
+        assert 100.0 * max(short) == pytest.approx(share, rel=0.02, abs=0.005)

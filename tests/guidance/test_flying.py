@@ -86,6 +86,23 @@ def test_a_beacon_that_jumps_among_thirty_per_cent_of_echoes_is_found_again(esti
     assert flight.rejected["outlier"] > 0.7 * 0.3 * 1500
 
 
+@pytest.mark.parametrize("estimator", ["direct", "polar", "drift"])
+@pytest.mark.parametrize(("for_s", "add_m", "sample_hz"), [(1.5, -15.0, 10.0), (3.0, 25.0, 10.0), (1.0, 40.0, 50.0)])
+def test_a_burst_of_echoes_leaves_the_belief_standing(estimator, for_s, add_m, sample_hz):
+    echo = (90.0, 90.0 + for_s, add_m)
+    flight = Flight(estimator=estimator, sample_hz=sample_hz, echo=echo).fly(100.0)
+    assert (flight.est.restarts, flight.est.returns) == (0, 0)
+    assert flight.furthest(90.0) < 1.5
+
+
+@pytest.mark.parametrize("estimator", ["direct", "polar", "drift"])
+@pytest.mark.parametrize("add_m", [25.0, -15.0])
+def test_ranges_that_jump_and_come_back_find_the_belief_as_it_was(estimator, add_m):
+    flight = Flight(estimator=estimator, echo=(90.0, 100.0, add_m)).fly(150.0)
+    assert flight.est.restarts == flight.est.returns == 1
+    assert flight.furthest(130.0) < 1.5
+
+
 @pytest.mark.parametrize("estimator", FILTERS)
 def test_twenty_seconds_without_ranges(estimator):
     flight = Flight(estimator=estimator, gaps=((110.0, 130.0),)).fly(160.0)

@@ -11,6 +11,7 @@ from circumnav_mav.guidance.estimators.gate import (
     compared,
     refuse,
     remember,
+    restarted,
     shelved,
 )
 from circumnav_mav.guidance.kernel import ACCEPTED, OUTLIER, RESTARTED, RETURNED, Memory
@@ -18,27 +19,43 @@ from circumnav_mav.guidance.kernel import ACCEPTED, OUTLIER, RESTARTED, RETURNED
 RATES_HZ = [0.5, 1.0, 2.0, 10.0, 50.0, 200.0]
 
 
-def readings_wanted(rate_hz, error):
+OLD = Memory(known=1.0, stood_s=LONGER_S)
+"""The memory of a belief that has stood for long."""
+
+
+def readings_wanted(mem, rate_hz, error):
     """How many readings that agree, and nothing between them, end the belief."""
-    mem, n = Memory(known=1.0), 0
+    n = 0
     while mem.verdict != RESTARTED:
         mem = refuse(mem, 100.0, 1.0 / rate_hz, 10.0, 2.0, error)
         n += 1
         assert n < 10_000
-    assert mem.votes == 0.0
+    assert mem.votes == mem.stood_s == 0.0
     return n
 
 
 @pytest.mark.parametrize("rate_hz", RATES_HZ)
 @pytest.mark.parametrize(("error", "wanted_s"), [(-9.0, AGREE_S), (9.0, LONGER_S), (math.nan, AGREE_S)])
 def test_readings_that_agree_win_after_seconds_or_for_a_slow_radio_after_a_few(rate_hz, error, wanted_s):
-    assert readings_wanted(rate_hz, error) == max(AGREE, round(wanted_s * rate_hz))
+    assert readings_wanted(OLD, rate_hz, error) == max(AGREE, round(wanted_s * rate_hz))
 
 
 @pytest.mark.parametrize("rate_hz", RATES_HZ)
-def test_after_a_dropout_one_reading_is_one_reading(rate_hz):
-    first = refuse(Memory(known=1.0), 100.0, 15.0, 10.0, 2.0, -9.0)
+@pytest.mark.parametrize("stood_s", [0.0, 0.7, 1.5, 3.0])
+def test_a_young_belief_falls_to_as_much_as_it_has_behind_it(rate_hz, stood_s):
+    mem = Memory(known=1.0)
+    for _ in range(round(stood_s * rate_hz)):
+        mem = remember(mem, 1.0 / rate_hz, 1.0, 1.0, 1.0)
+    for error, most_s in ((-9.0, AGREE_S), (9.0, LONGER_S)):
+        wanted = math.ceil(min(mem.stood_s, most_s) * rate_hz - 1e-6)
+        assert readings_wanted(mem, rate_hz, error) == max(AGREE, wanted)
+
+
+def test_after_a_dropout_one_reading_is_one_reading():
+    first = refuse(OLD, 100.0, 15.0, 10.0, 2.0, -9.0)
     assert first.votes == 1.0 / AGREE
+    again = remember(Memory(known=1.0), 15.0, 1.0, 1.0, 1.0)
+    assert again.stood_s == LONGER_S / AGREE
 
 
 def test_readings_that_disagree_do_not():
@@ -61,7 +78,7 @@ def test_good_readings_speak_against_the_rival():
 
 
 def test_a_good_reading_outweighs_an_echo_of_its_length():
-    mem = Memory(known=1.0)
+    mem = OLD
     for _ in range(500):
         mem = refuse(mem, 140.0, 0.1, 10.0, 2.0, 40.0)
         assert mem.verdict == OUTLIER
@@ -101,6 +118,13 @@ def test_a_shelved_belief_that_is_no_better_waits_and_is_given_up(flown_error, e
         mem, n = shelf(mem, flown_error, error, nis=nis), n + 1
         assert mem.verdict == ACCEPTED and n < 1000
     assert 0.1 * n == pytest.approx(SHELF_S, abs=0.2)
+
+
+def test_a_shelved_belief_that_fits_comes_back_when_the_flown_one_falls():
+    before = shelved(Memory(known=1.0), 3.0, 0.0)
+    fallen = restarted(before, math.nan, 0.0)
+    assert compared(fallen, before, 0.1, 2.0, 1.0, 4.0, 8.0).verdict == RETURNED
+    assert compared(fallen, before, 0.1, 30.0, 99.0, 4.0, 8.0).verdict == RESTARTED
 
 
 def test_readings_that_fit_the_new_belief_alone_speak_against_the_shelved_one():

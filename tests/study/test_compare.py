@@ -37,8 +37,10 @@ R_ROWS = {
     "R_sigma5": 1.2,
     "R_1Hz": 1.5,
     "R_2Hz_sigma5": 3.0,
+    "X_echo_constant": 0.6,
+    "X_echo_bursts": 0.6,
 }
-KEEPS_OFF = ("R_wind5", "R_wind7", "R_moving", "R_outliers", "R_dropout", "R_lag1")
+KEEPS_OFF = ("R_wind5", "R_wind7", "R_moving", "R_outliers", "R_dropout", "R_lag1", "X_echo_constant", "X_echo_bursts")
 
 
 def check_row(name, runs, seed):

@@ -10,7 +10,7 @@ import pytest
 from circumnav_mav.guidance.estimators import ESTIMATORS
 from circumnav_mav.guidance.laws import LAWS
 from circumnav_mav.study import drive, kernels
-from circumnav_mav.study.noise import draw
+from circumnav_mav.study.noise import draw, echoes
 from circumnav_mav.study.scenarios import SCENARIOS
 from circumnav_mav.study.simulate import Pilot, fly_one, program, setup, simulate
 
@@ -142,3 +142,19 @@ def test_sources_that_cannot_be_written_beside_leave_it_to_the_cache_of_the_user
     monkeypatch.setattr(kernels.os, "access", lambda *_: False)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     assert kernels._home() == tmp_path / "circumnav_mav" / "kernels"
+
+
+@pytest.mark.parametrize(("share", "burst"), [(0.1, 1), (0.2, 1), (0.1, 8), (0.3, 8)])
+def test_echoes_come_in_bursts_and_in_the_share_that_is_said(share, burst):
+    echo = echoes(np.random.default_rng(4).random(200_000), share, burst)
+    assert echo.mean() == pytest.approx(share, abs=0.01)
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], echo, [False]])))
+    lengths = edges[1::2] - edges[::2]
+    assert all(lengths[:-1] % burst == 0)
+    assert (lengths == burst).mean() == pytest.approx(1.0 - share / (burst * (1.0 - share) + share), abs=0.02)
+
+
+def test_echoes_of_one_length_are_all_so_much_too_long():
+    echoing, plain_one = (draw(SCENARIOS[name], 1, 3).range_error_m for name in ("X_echo_bursts", "R_wind5"))
+    too_long = echoing - plain_one
+    assert set(np.round(too_long, 9)) == {0.0, 40.0}

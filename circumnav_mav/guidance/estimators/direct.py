@@ -13,7 +13,7 @@ from collections.abc import Mapping
 from math import acos, atan2, cos, hypot, isfinite, isnan, log, nan, sin, sqrt
 from typing import NamedTuple
 
-from circumnav_mav.guidance.estimators.gate import compared, refuse, remember, shelved
+from circumnav_mav.guidance.estimators.gate import AGREE_S, compared, refuse, remember, shelved
 from circumnav_mav.guidance.kernel import (
     RESTARTED,
     RETURNED,
@@ -155,11 +155,13 @@ def follow(bank: list[Side], mem: Memory, m: Moved, z: Reading, par: Parameters)
     error = z.r - h.r
     nis = error * error / (h.prr + variance)
     if nis > par.gate**2:
+        settled = mem.stood_s >= AGREE_S
         mem = refuse(mem, z.r, m.dt, 2.0 * par.V, 2.0 * par.gate * sigma_r, error)
         if mem.verdict == RESTARTED:
             seed(bank, z, par, variance)
-            bank.append(h)
-            return shelved(mem, 0.0, 0.0)
+            if settled:
+                bank.append(h)
+                return shelved(mem, 0.0, 0.0)
         return mem
     for i in range(2):
         bank[i] = correct(bank[i], z.r - bank[i].r, 1.0, 0.0, variance)

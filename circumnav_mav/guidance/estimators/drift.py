@@ -22,7 +22,7 @@ from circumnav_mav.guidance.estimators.drift_gaussian import (
     use_range,
     use_rate,
 )
-from circumnav_mav.guidance.estimators.gate import compared, refuse, remember, restarted, shelved
+from circumnav_mav.guidance.estimators.gate import AGREE_S, compared, refuse, remember, restarted, shelved
 from circumnav_mav.guidance.estimators.ring import (
     LIKELY,
     NEVER,
@@ -195,9 +195,10 @@ def follow(bank: list[Drift], mem: Memory, m: Moved, z: Reading, par: Parameters
     least, leader = judged(bank, nis)
     error = z.r - hypot(bank[0].px, bank[0].py)
     if least > par.gate**2:
+        settled = len(bank) <= 2 * len(STIRS) and mem.stood_s >= AGREE_S
         mem = refuse(mem, z.r, m.dt, 2.0 * par.V, 2.0 * par.gate * sigma_r, error)
         if mem.verdict == RESTARTED:
-            falls, settled = bank[0], len(bank) <= 2 * len(STIRS)
+            falls = bank[0]
             seed(bank, z, par, variance, atan2(falls.py, falls.px))
             if settled:
                 bank.append(again(falls, falls.stir, NEVER))

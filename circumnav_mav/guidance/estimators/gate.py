@@ -33,39 +33,43 @@ ROUNDING = 1e-9
 
 def vote(dt: float, wanted_s: float) -> float:
     """Return what a reading that comes dt [s] after the last one weighs, where 1 wins after wanted_s [s]."""
-    return min(dt / wanted_s, 1.0 / AGREE)
+    return dt / wanted_s if dt * AGREE < wanted_s else 1.0 / AGREE
 
 
 def remember(mem: Memory, dt: float, nis: float, known: float, alarm: float, error: float = NAN) -> Memory:
-    """Return the memory after an accepted reading: it speaks against the rival."""
-    votes = max(0.0, mem.votes - vote(dt, AGREE_S))
-    return Memory(known, ACCEPTED, nis, alarm, mem.rival_r, mem.rival_age + dt, votes, error, NAN, 0.0)
+    """Return the memory after an accepted reading: it speaks against the rival, and for the belief from now on."""
+    votes = max(0.0, mem.votes - vote(dt, min(AGREE_S, mem.stood_s)))
+    stood_s = min(mem.stood_s + min(dt, LONGER_S / AGREE), LONGER_S)
+    return Memory(known, ACCEPTED, nis, alarm, mem.rival_r, mem.rival_age + dt, votes, error, NAN, 0.0, stood_s)
 
 
 def refuse(mem: Memory, r: float, dt: float, closing_speed: float, spread: float, error: float = NAN) -> Memory:
     """Return the memory after a reading that the gate refused; its verdict is RESTARTED when the rival has won.
 
     closing_speed: the fastest that range can change, m/s; spread: how far two honest readings may differ, m.
+    A belief falls to no less than it has behind it, and the youngest to AGREE readings: the first may be an echo.
     """
-    age, weight = mem.rival_age + dt, vote(dt, LONGER_S if error > 0.0 else AGREE_S)
+    age, stood_s = mem.rival_age + dt, mem.stood_s
+    weight = vote(dt, min(LONGER_S if error > 0.0 else AGREE_S, stood_s))
+    rival_r, rival_age, votes = r, 0.0, mem.votes + weight
     if mem.votes <= ROUNDING or isnan(mem.rival_r):
-        return Memory(mem.known, OUTLIER, mem.nis, mem.alarm, r, 0.0, weight, error, NAN, 0.0)
-    if abs(r - mem.rival_r) > closing_speed * age + spread:
-        return Memory(mem.known, OUTLIER, mem.nis, mem.alarm, mem.rival_r, age, mem.votes - weight, error, NAN, 0.0)
-    if mem.votes + weight < 1.0 - ROUNDING:
-        return Memory(mem.known, OUTLIER, mem.nis, mem.alarm, r, 0.0, mem.votes + weight, error, NAN, 0.0)
-    return restarted(mem, NAN, 0.0)
+        votes = weight
+    elif abs(r - mem.rival_r) > closing_speed * age + spread:
+        rival_r, rival_age, votes = mem.rival_r, age, mem.votes - weight
+    if votes >= 1.0 - ROUNDING:
+        return restarted(mem, NAN, 0.0)
+    return Memory(mem.known, OUTLIER, mem.nis, mem.alarm, rival_r, rival_age, votes, error, NAN, 0.0, stood_s)
 
 
 def restarted(mem: Memory, nis: float, alarm: float) -> Memory:
     """Return the memory after a reading that started the bank again."""
-    return Memory(mem.known, RESTARTED, nis, alarm, NAN, 0.0, 0.0, NAN, NAN, 0.0)
+    return Memory(mem.known, RESTARTED, nis, alarm, NAN, 0.0, 0.0, NAN, NAN, 0.0, 0.0)
 
 
 def shelved(mem: Memory, shelf_s: float, shelf_votes: float) -> Memory:
     """Return the memory with a belief on the shelf (the last of the bank) for shelf_s [s]."""
-    known, verdict, nis, alarm, rival_r, rival_age, votes, error, _, _ = mem
-    return Memory(known, verdict, nis, alarm, rival_r, rival_age, votes, error, shelf_s, shelf_votes)
+    known, verdict, nis, alarm, rival_r, rival_age, votes, error, _, _, stood_s = mem
+    return Memory(known, verdict, nis, alarm, rival_r, rival_age, votes, error, shelf_s, shelf_votes, stood_s)
 
 
 def compared(mem: Memory, before: Memory, dt: float, error: float, nis: float, gate: float, spread: float) -> Memory:
@@ -74,12 +78,15 @@ def compared(mem: Memory, before: Memory, dt: float, error: float, nis: float, g
     mem: after the belief that is flown on took or refused it; before: before it came. The verdict is RETURNED when the
     shelved one is to be taken back; shelf_s is NaN when its time is over.
     """
-    votes, nearer = before.shelf_votes, abs(mem.error) - abs(error)  # NaN when it has just started: no vote
-    if nearer > spread and nis <= gate * gate and abs(error) <= spread:
+    votes, nearer = before.shelf_votes, abs(mem.error) - abs(error)  # NaN when it has just started
+    fits = nis <= gate * gate and abs(error) <= spread
+    if fits and mem.verdict == RESTARTED:
+        votes = 1.0
+    elif fits and nearer > spread:
         votes += vote(dt, AGREE_S)
     elif nearer < -spread:
         votes = max(0.0, votes - vote(dt, AGREE_S))
     if votes >= RETURN - ROUNDING:
-        return Memory(1.0, RETURNED, nis, 1.0, NAN, 0.0, 0.0, NAN, NAN, 0.0)
+        return Memory(1.0, RETURNED, nis, 1.0, NAN, 0.0, 0.0, NAN, NAN, 0.0, LONGER_S)
     age = before.shelf_s + dt
     return shelved(mem, NAN if age > SHELF_S else age, votes)

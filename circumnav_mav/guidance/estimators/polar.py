@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from math import atan2, cos, hypot, isnan, log, nan, pi, sin
 from typing import NamedTuple
 
-from circumnav_mav.guidance.estimators.gate import compared, refuse, remember, restarted, shelved
+from circumnav_mav.guidance.estimators.gate import AGREE_S, compared, refuse, remember, restarted, shelved
 from circumnav_mav.guidance.estimators.ring import (
     NEVER,
     TWIN,
@@ -181,9 +181,10 @@ def follow(bank: list[Polar], mem: Memory, m: Moved, z: Reading, par: Parameters
     least, leader = judged(bank, nis)
     error = z.r - bank[0].r
     if least > par.gate**2:
+        settled = len(bank) <= 2 * len(STIRS) and mem.stood_s >= AGREE_S
         mem = refuse(mem, z.r, m.dt, 2.0 * par.V, 2.0 * par.gate * sigma_r, error)
         if mem.verdict == RESTARTED:
-            falls, settled = bank[0], len(bank) <= 2 * len(STIRS)
+            falls = bank[0]
             seed(bank, z, par, variance)
             if settled:
                 bank.append(again(falls, falls.stir, NEVER))
