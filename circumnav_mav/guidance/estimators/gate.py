@@ -38,8 +38,11 @@ def vote(dt: float, wanted_s: float) -> float:
 
 def remember(mem: Memory, dt: float, nis: float, known: float, alarm: float, error: float = NAN) -> Memory:
     """Return the memory after an accepted reading: it speaks against the rival, and for the belief from now on."""
-    votes = max(0.0, mem.votes - vote(dt, min(AGREE_S, mem.stood_s)))
-    stood_s = min(mem.stood_s + min(dt, LONGER_S / AGREE), LONGER_S)
+    votes, stood_s = mem.votes, mem.stood_s
+    if votes > 0.0:
+        votes = max(0.0, votes - vote(dt, min(AGREE_S, stood_s)))
+    if stood_s < LONGER_S:
+        stood_s = min(stood_s + min(dt, LONGER_S / AGREE), LONGER_S)
     return Memory(known, ACCEPTED, nis, alarm, mem.rival_r, mem.rival_age + dt, votes, error, NAN, 0.0, stood_s)
 
 
