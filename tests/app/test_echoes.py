@@ -69,7 +69,7 @@ def test_echoes_that_outvote_the_estimate_are_found_out_and_end_no_flight(add_m,
 
     Five restarts within a minute would break the flight off: those that were taken back are none.
     """
-    rig = flown(PLANE, {**PLANE_WORLD, "faults": bursts(10.0, for_s, add_m, to_s=110.0)}, for_s=140.0)
+    rig = flown(PLANE, {**PLANE_WORLD, "faults": bursts(10.0, for_s, add_m, to_s=110.0)}, for_s=150.0)
     assert len(told(rig, AGAIN)) >= 5
     assert len(told(rig, BACK)) >= 5
     assert rig.log.phases[-1] == "orbiting", rig.flight.events

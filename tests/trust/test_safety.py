@@ -72,8 +72,8 @@ def bend_ranges(rig: Rig, patch: pytest.MonkeyPatch, bend: Callable[[float, floa
 
 
 def moved_beacon(rig: Rig, patch: pytest.MonkeyPatch) -> None:
-    """The beacon is carried to and fro: no ranges and motion that belong together."""
-    bend_ranges(rig, patch, lambda r, t: r + (60.0 if int(t / 4.0) % 2 else 0.0))
+    """The beacon is elsewhere every 6 s, and never back: no ranges and motion that belong together, and no echo."""
+    bend_ranges(rig, patch, lambda r, t: r + 37.0 * (5 * int(t / 6.0) % 7))
 
 
 def not_finite(rig: Rig, patch: pytest.MonkeyPatch) -> None:
