@@ -71,8 +71,8 @@ def bend_ranges(rig: Rig, patch: pytest.MonkeyPatch, bend: Callable[[float, floa
 
 
 def moved_beacon(rig: Rig, patch: pytest.MonkeyPatch) -> None:
-    """The beacon is carried to and fro: no ranges and motion that belong together."""
-    bend_ranges(rig, patch, lambda r, t: r + (60.0 if int(t / 4.0) % 2 else 0.0))
+    """Every 5 s the beacon is elsewhere, and nowhere twice within half a minute: no ranges that belong together."""
+    bend_ranges(rig, patch, lambda r, t: r + 20.0 * (3 * int(t / 5.0) % 7))
 
 
 def not_finite(rig: Rig, patch: pytest.MonkeyPatch) -> None:
