@@ -87,10 +87,9 @@ class Trail:
         i = len(places) - 2
         while places[i].t_s > t_s:
             i -= 1
-        earlier, later = places[i], places[i + 1]
-        f = (t_s - earlier.t_s) / (later.t_s - earlier.t_s)
-        x, y, heading = (a + f * (b - a) for a, b in zip(earlier[1:4], later[1:4], strict=True))
-        return Place(t_s, x, y, heading, later.north)
+        (t0_s, x0, y0, heading0, _), (t1_s, x1, y1, heading1, north) = places[i], places[i + 1]
+        f = (t_s - t0_s) / (t1_s - t0_s)
+        return Place(t_s, x0 + f * (x1 - x0), y0 + f * (y1 - y0), heading0 + f * (heading1 - heading0), north)
 
     def between(self, a: Place, b: Place, motion: Motion) -> Moved:
         """Return the motion from one place to another, with the speed and turn rate of `motion` at the second."""

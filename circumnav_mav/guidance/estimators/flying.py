@@ -11,10 +11,10 @@ from typing import Any
 
 from circumnav_mav.guidance.estimators.noise import NoiseMeter
 from circumnav_mav.guidance.kernel import (
+    ACCEPTED,
     NAN,
     OUTLIER,
     RESTARTED,
-    RETURNED,
     Estimate,
     Estimator,
     Memory,
@@ -71,18 +71,22 @@ class FlyingEstimator:
             moved = self._trail.between(self._anchor, place, motion)
         else:
             return Rejected(sample.t_s, "out_of_order", "a later range was used before it")
-        reading = Reading(sample.range_m, sample.range_rate_m_s, self.noise.sigma(sample.sigma_m))
-        self._mem = self._kernels.observe(self._bank, self._mem, moved, reading, self._par)
+        t_s, range_m, range_rate_m_s, claimed_m = sample.t_s, sample.range_m, sample.range_rate_m_s, sample.sigma_m
+        sigma_m = self.noise.sigma(claimed_m)
+        reading = Reading(range_m, range_rate_m_s, sigma_m)
+        self._mem = mem = self._kernels.observe(self._bank, self._mem, moved, reading, self._par)
         self._anchor = place
-        self.noise.add(_own_noise(self._mem, reading.sigma_r), sample.sigma_m)
-        if self._mem.verdict == OUTLIER:
-            return Rejected(sample.t_s, "outlier", f"{sample.range_m:.1f} m does not fit the ranges before it")
-        if self._mem.verdict == RESTARTED:
+        self.noise.add(_own_noise(mem, sigma_m), claimed_m)
+        verdict = mem.verdict
+        if verdict == ACCEPTED:
+            return None
+        if verdict == OUTLIER:
+            return Rejected(t_s, "outlier", f"{range_m:.1f} m does not fit the ranges before it")
+        if verdict == RESTARTED:
             self.restarts += 1
-            self.noise.restart()
-        if self._mem.verdict == RETURNED:
+        else:
             self.returns += 1
-            self.noise.restart()
+        self.noise.restart()
         return None
 
     def at(self, now_s: float, motion: Motion) -> Estimate | None:
@@ -147,6 +151,7 @@ def _own_noise(mem: Memory, sigma_m: float) -> float:
 
     A filter that is quick (in hover: the vehicle may speed up any moment) follows the noise, and is missed by more.
     """
-    if mem.verdict == OUTLIER or isnan(mem.nis) or isnan(mem.error):
-        return mem.error
-    return copysign(sigma_m * sqrt(mem.nis), mem.error)
+    error, nis = mem.error, mem.nis
+    if mem.verdict == OUTLIER or isnan(nis) or isnan(error):
+        return error
+    return copysign(sigma_m * sqrt(nis), error)

@@ -38,12 +38,12 @@ def vote(dt: float, wanted_s: float) -> float:
 
 def remember(mem: Memory, dt: float, nis: float, known: float, alarm: float, error: float = NAN) -> Memory:
     """Return the memory after an accepted reading: it speaks against the rival, and for the belief from now on."""
-    votes, stood_s = mem.votes, mem.stood_s
+    _, _, _, _, rival_r, rival_age, votes, _, _, _, stood_s = mem
     if votes > 0.0:
         votes = max(0.0, votes - vote(dt, min(AGREE_S, stood_s)))
     if stood_s < LONGER_S:
         stood_s = min(stood_s + min(dt, LONGER_S / AGREE), LONGER_S)
-    return Memory(known, ACCEPTED, nis, alarm, mem.rival_r, mem.rival_age + dt, votes, error, NAN, 0.0, stood_s)
+    return Memory(known, ACCEPTED, nis, alarm, rival_r, rival_age + dt, votes, error, NAN, 0.0, stood_s)
 
 
 def refuse(mem: Memory, r: float, dt: float, closing_speed: float, spread: float, error: float = NAN) -> Memory:

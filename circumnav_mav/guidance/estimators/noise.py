@@ -9,12 +9,14 @@ from __future__ import annotations
 
 from bisect import bisect_left, insort
 from collections import deque
-from math import isnan, nan, sqrt
+from math import nan, sqrt
 
 WINDOW, ENOUGH = 100, 50
 """Differences that are looked at, and how many there must be before anything is said."""
 QUARTILE_OF_NORMAL = 0.3186
 """Lower quartile of |x| for a standard normal x."""
+EXPECTED = QUARTILE_OF_NORMAL * sqrt(2.0)
+"""The same for a difference of two."""
 CLEARLY, NO_MORE, MOST = 2.0, 1.4, 6.0
 """Times the expected sigma: from where on the ranges are called noisier (a quarter of outliers alone comes to this),
 until when, and how far they are followed; beyond, the sensor is not the one that was configured, and the gate's vote
@@ -38,20 +40,18 @@ class NoiseMeter:
     def add(self, innovation_m: float, expected_m: float) -> None:
         """Take in a measured range minus the predicted one, used or not, and its expected sigma; NaN: not known."""
         difference = abs(innovation_m - self._last) / expected_m
-        if not isnan(difference):
-            self._put(difference)
-            if len(self._ordered) >= ENOUGH:
-                self.times = self._ordered[(len(self._ordered) - 1) // 4] / (QUARTILE_OF_NORMAL * sqrt(2.0))
-                self.noisier = self.times > (NO_MORE if self.noisier else CLEARLY)
-                self._lasting = self._lasting + 1 if self.noisier else 0
         self._last = innovation_m
-
-    def _put(self, difference: float) -> None:
-        """Take a difference in and the oldest out; in order always, because sorting costs as much as a filter."""
-        self._differences.append(difference)
-        insort(self._ordered, difference)
-        if len(self._differences) > WINDOW:
-            del self._ordered[bisect_left(self._ordered, self._differences.popleft())]
+        if difference != difference:  # NaN
+            return
+        differences, ordered = self._differences, self._ordered  # in order always: sorting costs as much as a filter
+        differences.append(difference)
+        insort(ordered, difference)
+        if len(differences) > WINDOW:
+            del ordered[bisect_left(ordered, differences.popleft())]
+        if (count := len(ordered)) >= ENOUGH:
+            self.times = times = ordered[(count - 1) // 4] / EXPECTED
+            self.noisier = noisier = times > (NO_MORE if self.noisier else CLEARLY)
+            self._lasting = self._lasting + 1 if noisier else 0
 
     def restart(self) -> None:
         """The belief was replaced: the next innovation has nothing to do with the last."""
