@@ -27,6 +27,9 @@ ROOM = 0.8
 LONG_TURN, HALF_TURN = 1.0, 2.6
 """Heading errors, rad, above which the side of the turn is chosen, and above which the turn under way decides it."""
 
+NEAR, WORTH = 0.4, 0.1
+"""Shares of r_a: a turn that would pass nearer is given up for the other one, where that stays farther off by so much."""
+
 UNDER_WAY = 0.2
 """Share of the turn-rate limit from which on a turn counts as under way."""
 
@@ -65,9 +68,12 @@ def heading(px: float, py: float, psi: float, est: Estimate, par: Parameters) ->
     return course + crab, (sight_rate - slope * r_dot) * speed / along
 
 
-def least_range(est: Estimate, turn: float, par: Parameters) -> float:
-    """Return the least range [m] over a turn by the angle `turn` at the limit: the drift goes on meanwhile."""
-    R, roll = est.V / par.limit, par.lag  # straight on for as long as the turn takes to build up
+def least_range(est: Estimate, turn: float, par: Parameters, roll: float) -> float:
+    """Return the least range [m] over a turn by the angle `turn` at the limit: the drift goes on meanwhile.
+
+    roll: for how long it goes straight on before, s: what the turn takes to build up.
+    """
+    R = est.V / par.limit
     side = 1.0 if turn > 0.0 else -1.0
     least = est.r
     for i in range(1, STEPS + 1):
@@ -90,8 +96,8 @@ def turned(error: float, est: Estimate, par: Parameters) -> float:
     under_way = est.u / par.limit if error > 0.0 else -est.u / par.limit
     if abs(error) > HALF_TURN and under_way < -UNDER_WAY:
         error, other, under_way = other, error, -under_way
-    short = least_range(est, error, par)
-    if short < par.r_min * (1.25 - 0.25 * under_way) and short < est.r and least_range(est, other, par) > short:
+    short = least_range(est, error, par, par.lag)
+    if short < par.r_min * (1.25 - 0.25 * under_way) and short < est.r and least_range(est, other, par, par.lag) > short:
         return other
     return error
 
@@ -105,7 +111,11 @@ def held(vx: float, vy: float, est: Estimate, par: Parameters) -> bool:
     """
     ahead, across = est.px * vx + est.py * vy, est.px * vy - est.py * vx
     inwards = est.r < par.r_a and ahead > 0.0 and abs(across) < par.r_min * hypot(vx, vy)
-    return inwards and abs(est.u) > UNDER_WAY * par.limit
+    if not (inwards and abs(est.u) > UNDER_WAY * par.limit):
+        return False
+    half, built = (pi if est.u > 0.0 else -pi), min(abs(est.u) / par.limit, 1.0)
+    here = least_range(est, half, par, par.lag * (1.0 - built))
+    return here > NEAR * par.r_a or least_range(est, -half, par, par.lag * (1.0 + built)) < here + WORTH * par.r_a
 
 
 def turn_rate(est: Estimate, par: Parameters) -> float:
