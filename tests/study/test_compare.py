@@ -166,6 +166,7 @@ def test_a_signal_ends_a_long_row_at_once_and_the_bar_leaves_the_rows_alone(tmp_
     path, (here, there) = tmp_path / "rows.json", pty.openpty()
     arguments = ["compare", "--scenario", "P_calm", "--scenario", "R_2Hz_sigma5", "--runs", "20", "--json", str(path)]
     program = "from circumnav_mav.study import compare as c; r = c.row\n" + (
+        "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)\n"  # in the background: ignored
         "c.row = lambda s, p, n, *a: r(s, p, n if s.name == 'P_calm' else 10**5, *a)\n"
         f"import sys; from circumnav_mav.cli import main; sys.argv = ['circumnav', *{arguments}]; main()"
     )

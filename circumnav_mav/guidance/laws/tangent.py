@@ -28,7 +28,7 @@ LONG_TURN, HALF_TURN = 1.0, 2.6
 """Heading errors, rad, above which the side of the turn is chosen, and above which the turn under way decides it."""
 
 NEAR, WORTH = 0.4, 0.1
-"""Shares of r_a: a turn that would pass nearer is given up for the other one, where that stays farther off by so much."""
+"""Shares of r_a: a turn that would pass nearer is given up for the other one, if that stays farther off by so much."""
 
 UNDER_WAY = 0.2
 """Share of the turn-rate limit from which on a turn counts as under way."""
@@ -97,9 +97,9 @@ def turned(error: float, est: Estimate, par: Parameters) -> float:
     if abs(error) > HALF_TURN and under_way < -UNDER_WAY:
         error, other, under_way = other, error, -under_way
     short = least_range(est, error, par, par.lag)
-    if short < par.r_min * (1.25 - 0.25 * under_way) and short < est.r and least_range(est, other, par, par.lag) > short:
-        return other
-    return error
+    if short >= par.r_min * (1.25 - 0.25 * under_way) or short >= est.r:
+        return error
+    return other if least_range(est, other, par, par.lag) > short else error
 
 
 def held(vx: float, vy: float, est: Estimate, par: Parameters) -> bool:
