@@ -63,7 +63,7 @@ def test_a_multirotor_flies_on_through_bursts_of_echoes():
     assert told(rig, AGAIN) == []
 
 
-@pytest.mark.parametrize(("add_m", "for_s"), [(40.0, 6.0), (-30.0, 4.0)])
+@pytest.mark.parametrize(("add_m", "for_s"), [pytest.param(40.0, 6.0, marks=pytest.mark.soak), (-30.0, 4.0)])
 def test_echoes_that_outvote_the_estimate_are_found_out_and_end_no_flight(add_m, for_s):
     """For seconds out of every ten: an echo wins each time, and each time the estimate of before is taken back.
 

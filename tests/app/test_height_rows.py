@@ -23,7 +23,7 @@ def flies_well(row: str, seed: int) -> None:
         assert not any("noisier" in words for words in flight.said), flight
 
 
-@pytest.mark.parametrize("row", ["ground", "level_outliers"])
+@pytest.mark.parametrize("row", ["ground", pytest.param("level_outliers", marks=pytest.mark.soak)])
 def test_the_shipped_plane_finds_out_what_its_ranges_are(row):
     flies_well(row, 1)
 

@@ -72,6 +72,7 @@ def test_a_row_of_the_study_is_flown_as_well_on_the_stub(name):
     flown_as_well(name, SEEDS)
 
 
+@pytest.mark.soak
 def test_a_row_with_a_wrong_airspeed_is_flown_as_well_on_the_stub():
     flown_as_well("R_airspeed_high", [SEED])
 

@@ -157,7 +157,7 @@ def test_the_least_range_of_a_turn_is_that_of_the_flown_turn():
             x += (V * math.cos(heading) + drift[0]) * 1e-3
             y += (V * math.sin(heading) + drift[1]) * 1e-3
             least = min(least, math.hypot(x, y))
-        assert tangent.least_range(est, turn, par) == pytest.approx(least, abs=1.5)
+        assert tangent.least_range(est, turn, par, par.lag) == pytest.approx(least, abs=1.5)
 
 
 @pytest.mark.parametrize("name", ["hashemi2013", "hashemi2013_outer", "cao2013_smooth"])

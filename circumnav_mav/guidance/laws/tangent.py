@@ -27,7 +27,7 @@ ROOM = 0.8
 LONG_TURN, HALF_TURN = 1.0, 2.6
 """Heading errors, rad, above which the side of the turn is chosen, and above which the turn under way decides it."""
 
-NEAR, WORTH = 0.4, 0.1
+NEAR, WORTH = 0.4, 0.2
 """Shares of r_a: a turn that would pass nearer is given up for the other one, if that stays farther off by so much."""
 
 UNDER_WAY = 0.2
@@ -107,7 +107,8 @@ def held(vx: float, vy: float, est: Estimate, par: Parameters) -> bool:
 
     Inside the circle and on a course that would pass the target within r_min: judged by range and range rate, which all
     hypotheses share. While two of them, mirror images in the course, take the lead in turns, every change of sides
-    would take the lag back that the last one has paid, and the vehicle would fly straight on to the target.
+    would take the lag back that the last one has paid, and the vehicle would fly straight on to the target. Not held is
+    a turn that would pass near, where the other one, with all it takes to build up, is clearly the better.
     """
     ahead, across = est.px * vx + est.py * vy, est.px * vy - est.py * vx
     inwards = est.r < par.r_a and ahead > 0.0 and abs(across) < par.r_min * hypot(vx, vy)
