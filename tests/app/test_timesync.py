@@ -207,7 +207,10 @@ def late_flight(stamped_by: str, seed: int) -> tuple[float, float]:
     world = {"airframe": "fixed_wing", "start_speed_m_s": 12.0, "height_m": 100.0}
     radio = {"range_latency_s": 0.4, "range_sigma_m": 0.5}
     rig = Rig(
-        config(vehicle={"class": "px4_fixed_wing"}, ranging={"sigma_m": 0.5, "stamped_by": stamped_by}),
+        config(
+            vehicle={"class": "px4_fixed_wing"},
+            ranging={"sigma_m": 0.5, "stamped_by": stamped_by, "target_height_m": None},
+        ),
         airborne(distance_m=240.0, wind_north_m_s=4.0, seed=seed, **world, **radio),
         Wires(LateRanges(seed), Wire()),
     ).engage()
