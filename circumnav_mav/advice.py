@@ -11,6 +11,7 @@ from circumnav_mav.guidance.barrier import least_room_m
 from circumnav_mav.guidance.computer import band_of
 from circumnav_mav.guidance.estimators import ESTIMATORS
 from circumnav_mav.guidance.estimators.flying import TRAIL_S
+from circumnav_mav.guidance.estimators.gate import believed_s
 from circumnav_mav.guidance.kernel import EstimatorContext
 from circumnav_mav.guidance.lag import loop_of
 from circumnav_mav.guidance.laws import LAWS
@@ -76,6 +77,18 @@ def seldom(config: Config) -> Iterator[Finding]:
             f"{config.ranging.max_age_s:g} s the flight counts as coasting; raise it, or take a quicker sensor"
         )
         yield Finding("warning", "seldom", text)
+
+
+def jumps(config: Config) -> Iterator[Finding]:
+    """Yield a warning where the range is lost before a beacon that was moved is believed: gate.py votes meanwhile."""
+    coast_s, needed_s = config.ranging.coast_s, believed_s(1.0 / config.study.range_rate_hz)
+    if config.estimator.name != "raw" and coast_s < needed_s:
+        text = (
+            f"ranging.coast_s = {coast_s:.3g} s is over before ranges that contradict the estimate, from a beacon that "
+            f"was moved, say, are believed ({needed_s:.3g} s with {config.study.range_rate_hz:g} ranges a second): the "
+            f"range is lost first; {needed_s + config.ranging.max_age_s:.3g} s is enough"
+        )
+        yield Finding("warning", "jumps", text)
 
 
 def rate_of_ranges(config: Config, kappa: float, lag_s: float) -> Iterator[Finding]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from math import nan, radians
 
-from circumnav_mav.advice import ages, bears_lag, drifting, handing_over, rate_of_ranges, seldom, slant, suits
+from circumnav_mav.advice import ages, bears_lag, drifting, handing_over, jumps, rate_of_ranges, seldom, slant, suits
 from circumnav_mav.config import Config, Limits, Ranging, Vehicle
 from circumnav_mav.config_defaults import told
 from circumnav_mav.guidance.estimators import ESTIMATORS
@@ -54,7 +54,7 @@ def findings(config: Config) -> list[Finding]:
         found += rate_of_ranges(config, kappa, flight.lag_s + 0.5 * flight.update_s)
     else:
         found += bears_lag(config, abs(config.vehicle_class.lead_s - config.lead_s) + 0.5 * flight.update_s)
-    found += [*suits(config), *drifting(config), *slant(config), *ages(config), *seldom(config)]
+    found += [*suits(config), *drifting(config), *slant(config), *ages(config), *seldom(config), *jumps(config)]
     found += [*handing_over(config), *idle]
     return sorted(found, key=lambda finding: list(MARK).index(finding.severity))
 

@@ -6,6 +6,8 @@ import pytest
 
 from circumnav_mav.check import findings
 from circumnav_mav.config import Config
+from circumnav_mav.guidance.estimators import direct
+from circumnav_mav.guidance.kernel import RESTARTED, EstimatorContext, Memory, Moved, Reading
 from circumnav_mav.guidance.slant import level
 from circumnav_mav.mavlink.vehicles import VEHICLES
 
@@ -134,3 +136,25 @@ def test_check_warns_of_ranges_that_are_stale_before_the_next():
     found = check(study={"range_rate_hz": 0.8}, law={"name": "tangent"}, estimator={"name": "drift"})["seldom"]
     assert found.severity == "warning" and "one range in 1.25 s (study.range_rate_hz)" in found.text
     assert "seldom" not in check(study={"range_rate_hz": 0.8}, ranging={"max_age_s": 1.5})
+
+
+@pytest.mark.parametrize("rate_hz", [0.5, 1.0, 10.0])
+def test_check_warns_where_the_range_is_lost_before_a_jump_is_believed(rate_hz):
+    needed_s = readings_until_believed(1.0 / rate_hz) / rate_hz
+    section = {"study": {"range_rate_hz": rate_hz}, "estimator": {"name": "direct"}}
+    found = check(**section, ranging={"coast_s": 0.9 * needed_s, "max_age_s": 0.5 * needed_s})["jumps"]
+    assert found.severity == "warning" and f"({needed_s:.3g} s with {rate_hz:g} ranges a second)" in found.text
+    assert "jumps" not in check(**section, ranging={"coast_s": needed_s, "max_age_s": 0.5 * needed_s})
+
+
+def readings_until_believed(period_s: float) -> int:
+    """Stand still beside a beacon, then beside one 200 m farther off; return how many of its ranges it takes."""
+    par = direct.parameters({}, EstimatorContext(r_a=50.0, V=5.0, turn_rate_limit=0.5))
+    bank, mem, moved = direct.begin(par), Memory(), Moved(period_s, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    for _ in range(200):
+        mem = direct.observe(bank, mem, moved, Reading(50.0), par)
+    for count in range(1, 200):
+        mem = direct.observe(bank, mem, moved, Reading(250.0), par)
+        if mem.verdict == RESTARTED:
+            return count
+    raise AssertionError("never believed")

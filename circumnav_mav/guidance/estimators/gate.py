@@ -36,6 +36,11 @@ def vote(dt: float, wanted_s: float) -> float:
     return dt / wanted_s if dt * AGREE < wanted_s else 1.0 / AGREE
 
 
+def believed_s(period_s: float) -> float:
+    """Return how long ranges that come period_s [s] apart must agree, at most, before they end a belief, s."""
+    return max(LONGER_S, AGREE * period_s)
+
+
 def remember(mem: Memory, dt: float, nis: float, known: float, alarm: float, error: float = NAN) -> Memory:
     """Return the memory after an accepted reading: it speaks against the rival, and for the belief from now on."""
     _, _, _, _, rival_r, rival_age, votes, _, _, _, stood_s = mem
