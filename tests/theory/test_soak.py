@@ -56,7 +56,8 @@ def test_mean_recurrence_times_stay_below_the_bound_at_random_gains():
 
 @pytest.mark.soak
 def test_the_batch_flies_what_the_plain_core_flies_in_random_plants():
-    rng = np.random.default_rng([SEED, 2])
+    """A nanometre at the start shows how far rounding may carry the two apart."""
+    rng, chaotic = np.random.default_rng([SEED, 2]), 0
     for _ in range(times(60)):
         plant = paper_run.Plant(
             V_m_s=math.exp(rng.uniform(-1, 3)),
@@ -73,12 +74,24 @@ def test_the_batch_flies_what_the_plain_core_flies_in_random_plants():
         )
         one = paper_run.case("hashemi2013", {"kappa": 1.0 + math.exp(rng.uniform(-4, 3))}, plant)
         noise = rng.normal(0.0, 0.3 * plant.V_m_s, 40)
-        state, u, errors = (plant.x_m, plant.y_m, plant.heading_rad), 0.0, []
-        for nu in noise:
-            state, r, _, u = paper_core.plain_step(
-                LAWS["hashemi2013"].turn_rate, one.parameters, state, float(nu), u, plant.kernel
-            )
-            errors.append(r - plant.r_a_m)
+        expected = flown_plainly(one, noise)
+        changed = max(abs(flown_plainly(one, noise, by_m) - expected) for by_m in (-1e-9, 1e-9))
+        if changed > 1e-3 * expected:  # a gain of 20 held for half a second: chaos, in which rounding decides
+            chaotic += 1
+            continue
         start = np.array([[plant.x_m], [plant.y_m], [math.cos(plant.heading_rad)], [math.sin(plant.heading_rad)]])
         [row] = paper_run.fly_in(one, start, noise[None, :])
-        assert row["mse_all"] == pytest.approx(np.mean(np.square(errors)), rel=1e-6), (SEED, one)
+        assert row["mse_all"] == pytest.approx(expected, rel=1e-9, abs=changed), (SEED, one)
+    assert chaotic <= max(1, 0.2 * times(60)), (SEED, chaotic)
+
+
+def flown_plainly(one, noise, moved_m=0.0):
+    """Return the mean square orbit error [m^2] of a case flown by the plain core, its start moved to the east."""
+    plant, errors = one.plant, []
+    state, u = (plant.x_m + moved_m, plant.y_m, plant.heading_rad), 0.0
+    for nu in noise:
+        state, r, _, u = paper_core.plain_step(
+            LAWS["hashemi2013"].turn_rate, one.parameters, state, float(nu), u, plant.kernel
+        )
+        errors.append(r - plant.r_a_m)
+    return float(np.mean(np.square(errors)))
