@@ -16,6 +16,8 @@ noise, by three sigma.
 In wind (or beside a moving target) the circle drifts, by a turn's worth of wind in every turn. Where the estimator
 knows the drift, the hardest turn is walked along with it, until the range opens (closes), and the nearest (farthest)
 point of that walk counts in the place of h. Without it the band holds in wind below a tenth of the speed only.
+
+Where both limits speak the near one is obeyed: it is a turn nearer in time.
 """
 
 from __future__ import annotations
@@ -131,16 +133,17 @@ def within(u: float, est: Estimate, band: Band) -> float:
     def far(turn: float) -> float:
         return farthest(r, theta, rho, turn) if still else walk(r, theta, rho, turn, time_s, drift, -1.0)
 
+    left, right = far(+1.0), far(-1.0)
     # Away from the target, to the side that stays further off; head on, to the side where the orbit lies.
     aside = band.side if abs(sin(theta)) < HEAD_ON else (1.0 if sin(theta) > 0.0 else -1.0)
+    back = (1.0 if left < right else -1.0) if abs(left - right) > TIE * band.margin else -aside
+    most = left if back > 0.0 else right
+    u = _blend(u, back * band.u_max, (most + 2.0 * band.margin - band.r_max) / band.margin)
+    # The near limit has the last word: that a turn away from the target will lead too far out is a turn later.
     left, right = near(+1.0), near(-1.0)
     away = (1.0 if left > right else -1.0) if abs(left - right) > TIE * band.margin else aside
     least = left if away > 0.0 else right
-    u = _blend(u, away * band.u_max, (band.r_min + 2.0 * band.margin - least) / band.margin)
-    left, right = far(+1.0), far(-1.0)
-    back = (1.0 if left < right else -1.0) if abs(left - right) > TIE * band.margin else -aside
-    most = left if back > 0.0 else right
-    return _blend(u, back * band.u_max, (most + 2.0 * band.margin - band.r_max) / band.margin)
+    return _blend(u, away * band.u_max, (band.r_min + 2.0 * band.margin - least) / band.margin)
 
 
 def ahead(est: Estimate, time_s: float) -> tuple[float, float]:

@@ -159,10 +159,12 @@ def drifts(seed: str, for_s: float = 120.0) -> None:
             break
 
 
-@pytest.mark.parametrize("n", [0, 1, 82, 125, 142, 180, 203])
-def test_what_drifts_keeps_a_band_that_is_wide_enough(n):
-    """From 82 on, flights in which a turn towards the beacon that opens at first was taken for a way out."""
-    drifts(f"few:{n}")
+@pytest.mark.parametrize("seed", [*(f"few:{n}" for n in (0, 1, 82, 125, 142, 180, 203)), "1:7:4"])
+def test_what_drifts_keeps_a_band_that_is_wide_enough(seed):
+    """From 82 on, flights in which a turn towards the beacon that opens at first was taken for a way out; in the last
+    one the far limit took back the turn that the near one asked for.
+    """
+    drifts(seed)
 
 
 @pytest.mark.soak
