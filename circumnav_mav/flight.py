@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable
-from math import inf, isfinite, nan
+from math import inf, isfinite, isnan, nan
 
 from circumnav_mav.config import Config, guidance_settings
 from circumnav_mav.config_defaults import told
@@ -26,12 +26,14 @@ from circumnav_mav.mavlink.engage import AutoEngage, Step
 from circumnav_mav.mavlink.link import AutopilotLink
 from circumnav_mav.mavlink.offboard import WITH_AUTHORITY, Control
 from circumnav_mav.mavlink.signing import Signer
+from circumnav_mav.mavlink.streams import RANGES_HZ
 from circumnav_mav.mavlink.vehicles import VEHICLES
 from circumnav_mav.mavlink.vehicles.believed import BelievedSpeed
 from circumnav_mav.mavlink.vehicles.fitness import Fitness, Unfit
 from circumnav_mav.notices import INFO, WARNING, Event, Notices
 from circumnav_mav.range_feed import RangeFeed
 from circumnav_mav.ranging import MessageReceiver
+from circumnav_mav.ranging.plug import Reason
 from circumnav_mav.types import RangeSample, Rejected
 
 VEHICLE, RANGING = "vehicle", "ranging"
@@ -61,9 +63,10 @@ class Flight:
         vehicle = config.vehicle_class
         self._vehicle, self.words = vehicle, vehicle.words
         subscribed = () if self.ranges.own_link else self.ranges.messages
-        self.link = AutopilotLink(
-            subscribed, vehicle.messages_hz, vehicle.words, signer, system_id=config.vehicle.system_id
-        )
+        wanted_hz = dict(vehicle.messages_hz)
+        if config.ranges_of_autopilot:
+            wanted_hz |= dict.fromkeys(subscribed, RANGES_HZ)
+        self.link = AutopilotLink(subscribed, wanted_hz, vehicle.words, signer, system_id=config.vehicle.system_id)
         self.link.authority.needs_air = vehicle.airframe != "rover"
         receiver = self.ranges.receiver
         if isinstance(receiver, MessageReceiver) and config.ranging.use_stamps:
@@ -104,6 +107,7 @@ class Flight:
         """Whether the process was stopped since the last tick began."""
         self._frames: list[bytes] = []
         self._overhead_next_s = nan
+        self._stuck_told = False
         self._r_m = nan
         self._end_action = "hold"
 
@@ -117,11 +121,11 @@ class Flight:
     def receive(self, data: bytes, now_s: float, link: str = VEHICLE, *, whole: bool = True) -> list[Frame]:
         """Take in what arrived on a link at `now_s`; return its frames, for the recorder."""
         if link == RANGING and self.ranges.own_link:
-            self.ranges.on_vehicle(self.link.autopilot.sysid, moving=self._moving())
+            self.ranges.on_vehicle(self.link.autopilot.sysid, moving=self._moving(now_s))
             frames, results = self.ranges.on_bytes(data, now_s, whole=whole)
         else:
             frames, messages = self.link.receive(data, now_s, whole=whole)
-            self.ranges.on_vehicle(self.link.autopilot.sysid, moving=self._moving())
+            self.ranges.on_vehicle(self.link.autopilot.sysid, moving=self._moving(now_s))
             results = [] if self.ranges.own_link else self.ranges.on_messages(messages, now_s)
         for result in results:
             self._on_range(result, now_s)
@@ -137,17 +141,33 @@ class Flight:
             rejected = self.computer.on_sample(
                 result, self._motion(now_s), self._height_m(now_s), self._climb_m_s(now_s)
             )
+            self._stuck_told = False
             if rejected is None:
                 return
             result = rejected
             if rejected.reason == "overhead" and not now_s < self._overhead_next_s:
                 self._overhead_next_s = now_s + OVERHEAD_S
                 self.notices.say(now_s, f"near overhead, where a range tells nothing: {rejected.detail}", INFO)
+        elif result.reason == Reason.STUCK and not self._stuck_told:
+            self._stuck_told = True
+            words = f"the range is stuck: {result.detail}, and not used until it changes (ranging.stuck_s)"
+            self.notices.say(now_s, words, WARNING)
         self._count(result)
 
-    def _moving(self) -> bool:
-        """Whether a range that stands still must be a stuck one: only above a walking speed."""
-        return self.link.autopilot.speed_m_s > MOVING_M_S
+    def _moving(self, now_s: float) -> bool:
+        """Whether a range that stands still must be a stuck one: only above a walking speed, or half of a slower one.
+
+        An aircraft of unknown speed moves while it is flown.
+        """
+        ap = self.link.autopilot
+        speed = ap.ground_speed_m_s(now_s)
+        if isnan(speed):
+            if ap.in_air is False:  # whatever the wind says to an airspeed sensor
+                return False
+            speed = self._motion(now_s).V
+        if isnan(speed):
+            return self._phase in ENGAGED
+        return speed > min(MOVING_M_S, self._config.orbit.speed_m_s / 2)
 
     def _count(self, rejected: Rejected) -> None:
         self.rejected[str(rejected.reason)] += 1

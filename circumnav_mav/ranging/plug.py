@@ -69,8 +69,8 @@ class Settings:
 
     from_: (system, component) of the sender, None = any component but an autopilot; orientation: None = any but down.
     latency_s: fixed delay from the measurement to its arrival [s]. use_stamps: take out link delay by the device's own
-    timestamps. stamped_by: whose clock these show, "sender" or "autopilot". stuck_s: None = what suits the source,
-    0 = never. options: keys that one source alone understands.
+    timestamps. stamped_by: whose clock these show, "sender" or "autopilot". stuck_s: None = by the values before
+    (gate.py), 0 = never. options: keys that one source alone understands.
     """
 
     from_: tuple[int, int] | None = None
