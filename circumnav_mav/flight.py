@@ -157,17 +157,15 @@ class Flight:
     def _moving(self, now_s: float) -> bool:
         """Whether a range that stands still must be a stuck one: only above a walking speed, or half of a slower one.
 
-        An aircraft of unknown speed moves while it is flown.
+        The speed is the one that the class flies by: without a position an autopilot may show 0 m/s over the ground.
         """
         ap = self.link.autopilot
-        speed = ap.ground_speed_m_s(now_s)
+        if self.link.authority.needs_air and ap.in_air is False:  # whatever the wind says to an airspeed sensor
+            return False
+        speed = self._motion(now_s).V
         if isnan(speed):
-            if ap.in_air is False:  # whatever the wind says to an airspeed sensor
-                return False
-            speed = self._motion(now_s).V
-        if isnan(speed):
-            return self._phase in ENGAGED
-        return speed > min(MOVING_M_S, self._config.orbit.speed_m_s / 2)
+            speed = ap.ground_speed_m_s(now_s)
+        return self._phase in ENGAGED if isnan(speed) else speed > min(MOVING_M_S, self._config.orbit.speed_m_s / 2)
 
     def _count(self, rejected: Rejected) -> None:
         self.rejected[str(rejected.reason)] += 1
