@@ -35,6 +35,7 @@ class RangeFeed:
         """The radio's own, None for the vehicle's link."""
         self._splitter = Splitter()
         self._decoder = Decoder(self.messages)
+        self._ends_lines = False
         self.bytes_in = 0
 
     @property
@@ -79,12 +80,23 @@ class RangeFeed:
         """Take what arrived on the link that carries ranges; return its MAVLink frames, and what they say."""
         self.bytes_in += len(data)
         if isinstance(self.receiver, ByteReceiver):
-            return [], self.receiver.feed(data, now_s)
+            return [], self.receiver.feed(self._ended(data) if whole else data, now_s)
         frames = self._splitter.feed(data, whole=whole)
         if signer is not None:
             signer.advance(now_s)
             frames = [frame for frame in frames if signer.believes(frame.raw, frame.sysid, frame.compid)]
         return frames, self.on_messages((m for f in frames if (m := self._decoder.decode(f)) is not None), now_s)
+
+    def _ended(self, datagram: bytes) -> bytes:
+        """Return it with the line ended, where a device writes lines into datagrams and never ends one.
+
+        One that does end them may be cut anywhere by what turns its serial line into datagrams: half a number is a
+        wrong range.
+        """
+        if not (isinstance(self.source, ByteSource) and self.source.lines):
+            return datagram
+        self._ends_lines = self._ends_lines or b"\n" in datagram or b"\r" in datagram
+        return datagram if self._ends_lines else datagram + b"\n"
 
     def on_messages(self, messages: Iterable[Message], now_s: float) -> list[RangeSample | Rejected]:
         """Take decoded messages; return what those that carry ranges say."""

@@ -38,6 +38,7 @@ SOURCE = ByteSource(
     name="lightware",
     summary="LightWare laser range finder, ASCII lines: centimetres (older models: 9600 baud)",
     decoder=decoder,
+    lines=True,
     resolution_m=0.01,
     most_m=10_000.0,
     options={"lost_m": "the range that stands for a lost signal, 130.00 as delivered"},

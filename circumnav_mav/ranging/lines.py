@@ -145,6 +145,7 @@ SOURCE = ByteSource(
     name="lines",
     summary="any device that sends lines: by a regular expression or JSON paths, with units",
     decoder=decoder,
+    lines=True,
     resolution_m=0.01,
     carries=frozenset({"beacon_id", "quality_pct", "stamp_s"}),
     most_m=FARTHEST_M,

@@ -125,6 +125,7 @@ class ByteSource:
     resolution_m: float
     most_m: float
     baud: int = 115_200
+    lines: bool = False  # whether it speaks in lines of text
     has_rate: bool = False
     carries: frozenset[str] = NOTHING  # which of CARRIED its readings may have
     most_beacon_id: float = math.inf
