@@ -21,9 +21,9 @@ from circumnav_mav.guidance.phases import ENGAGED, Phase
 from circumnav_mav.guidance.target import Target, latitude_longitude, locate
 from circumnav_mav.lookout import Lookout
 from circumnav_mav.mavlink.autopilot import VehicleState
-from circumnav_mav.mavlink.codec import Frame
+from circumnav_mav.mavlink.codec import Frame, Packer
 from circumnav_mav.mavlink.engage import AutoEngage, Step
-from circumnav_mav.mavlink.link import AutopilotLink
+from circumnav_mav.mavlink.link import COMPANION_COMPONENT, AutopilotLink
 from circumnav_mav.mavlink.offboard import WITH_AUTHORITY, Control
 from circumnav_mav.mavlink.signing import Signer
 from circumnav_mav.mavlink.vehicles import VEHICLES
@@ -31,7 +31,6 @@ from circumnav_mav.mavlink.vehicles.believed import BelievedSpeed
 from circumnav_mav.mavlink.vehicles.fitness import Fitness, Unfit
 from circumnav_mav.notices import INFO, WARNING, Event, Notices
 from circumnav_mav.range_feed import RangeFeed
-from circumnav_mav.ranging import MessageReceiver
 from circumnav_mav.types import RangeSample, Rejected
 
 VEHICLE, RANGING = "vehicle", "ranging"
@@ -65,10 +64,11 @@ class Flight:
             subscribed, vehicle.messages_hz, vehicle.words, signer, system_id=config.vehicle.system_id
         )
         self.link.authority.needs_air = vehicle.airframe != "rover"
-        receiver = self.ranges.receiver
-        if isinstance(receiver, MessageReceiver) and config.ranging.use_stamps:
-            self.link.time.wanted = True
-            receiver.clocks = self.link.time.offset
+        self.ranges.follow_clocks(self.link.time)
+        self._to_radio = Packer(config.vehicle.system_id or 1, COMPANION_COMPONENT)
+        """Unsigned, as what comes from there."""
+        self.spoke = False
+        """Whether the last bytes came from whom their link is to speak to: the autopilot, or the sender of ranges."""
         self.computer = GuidanceComputer(guidance_settings(config))
         self.lookout = Lookout(config, self.link.autopilot, self.computer)
         options = config.encoder_options()
@@ -119,8 +119,10 @@ class Flight:
         if link == RANGING and self.ranges.own_link:
             self.ranges.on_vehicle(self.link.autopilot.sysid, moving=self._moving())
             frames, results = self.ranges.on_bytes(data, now_s, whole=whole)
+            self.spoke = any(isinstance(result, RangeSample) for result in results)
         else:
             frames, messages = self.link.receive(data, now_s, whole=whole)
+            self.spoke = self.link.autopilot_spoke
             self.ranges.on_vehicle(self.link.autopilot.sysid, moving=self._moving())
             results = [] if self.ranges.own_link else self.ranges.on_messages(messages, now_s)
         for result in results:
@@ -220,6 +222,11 @@ class Flight:
         frames, self._frames = self._frames, []
         return frames, self._record(now_s, decision, lateness_s, missed_ticks)
 
+    def questions(self, now_s: float) -> list[bytes]:
+        """Return what is to leave now on the radio's own link: TIMESYNC, and never anything else."""
+        self._to_radio.sysid = self.link.autopilot.sysid or self._to_radio.sysid
+        return self.ranges.questions(now_s, self._to_radio)
+
     def link_lost(self, link: str, now_s: float, words: str) -> None:
         """A link broke. On the vehicle's, nothing is sent or believed until a mode message newer than the break."""
         self.notices.tell(now_s, f"{link} link lost: {words}", WARNING)
@@ -234,6 +241,7 @@ class Flight:
         """A link is open again. On the vehicle's the next tick asks for the mode, and sends no setpoint before it."""
         self.notices.tell(now_s, f"{link} link: {words}", INFO)
         if link != VEHICLE:
+            self.ranges.time.forget()
             return
         self._frames.clear()  # what was to be said over the link that broke
         asking = self.link.reconnected(now_s)

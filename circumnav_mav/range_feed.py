@@ -9,12 +9,14 @@ from collections.abc import Iterable
 
 from circumnav_mav.config import Ranging
 from circumnav_mav.endpoint import USUAL_BAUD, Endpoint, parse
-from circumnav_mav.mavlink.codec import Decoder, Frame, LinkCounts, Message, Splitter
+from circumnav_mav.mavlink.codec import Decoder, Frame, LinkCounts, Message, Packer, Splitter
 from circumnav_mav.mavlink.dialect import layout
 from circumnav_mav.mavlink.signing import Signer
-from circumnav_mav.ranging import SOURCES, ByteReceiver, ByteSource, MessageReceiver, Settings, open_receiver
+from circumnav_mav.mavlink.timesync import TimeSync
+from circumnav_mav.ranging import SOURCES, ByteReceiver, ByteSource, MessageReceiver, Settings, carried, open_receiver
 from circumnav_mav.ranging.counts import Counts
 from circumnav_mav.ranging.plug import Reason
+from circumnav_mav.ranging.shared_clock import MOST_BOUND_S
 from circumnav_mav.types import RangeSample, Rejected
 
 AUTOPILOT_COMPONENT = 1
@@ -26,6 +28,7 @@ class RangeFeed:
     """The receiver of the configured source, and what cuts its bytes into messages where it has a link of its own."""
 
     def __init__(self, ranging: Ranging) -> None:
+        self._ranging = ranging
         self.source = SOURCES[ranging.source]
         self.receiver: MessageReceiver | ByteReceiver = open_receiver(ranging.source, receiver_settings(ranging))
         ids = self.receiver.message_ids if isinstance(self.receiver, MessageReceiver) else ()
@@ -34,7 +37,10 @@ class RangeFeed:
         self.endpoint = parse(ranging.endpoint) if ranging.endpoint else None
         """The radio's own, None for the vehicle's link."""
         self._splitter = Splitter()
-        self._decoder = Decoder(self.messages)
+        self._decoder = Decoder({*self.messages, "TIMESYNC"})
+        self.time = TimeSync()
+        """The clocks on the link that `on_bytes` reads; the vehicle's link has a client of its own."""
+        self._stamped = ranging.use_stamps and "stamp_s" in carried(self.source, ranging.options)
         self._ends_lines = False
         self.bytes_in = 0
 
@@ -68,6 +74,30 @@ class RangeFeed:
         """How many times a device has said something in its own format, flown on or not."""
         return self.counts.accepted + sum(n for why, n in self.counts.rejected.items() if why != Reason.BAD_FRAME)
 
+    def follow_clocks(self, vehicle: TimeSync) -> None:
+        """Read stamps by the clocks that TIMESYNC shows on the radio's own link, or on the vehicle's (`vehicle`)."""
+        ranging = self._ranging
+        if isinstance(self.receiver, MessageReceiver) and self._stamped:
+            seen = self.time if self.own_link and ranging.stamped_by == "sender" else vehicle
+            seen.wanted = True
+            self.receiver.clocks = seen.offset
+
+    def questions(self, now_s: float, packer: Packer) -> list[bytes]:
+        """Return what is to leave on the link that `on_bytes` reads: TIMESYNC questions, and never anything else."""
+        token = self.time.question(now_s)
+        return [] if token is None else [packer.pack("TIMESYNC", tc1=0, ts1=token)]
+
+    def tells_whole_delay(self, now_s: float) -> bool:
+        """Whether all of the delay is seen: by a clock of TIMESYNC, or given as latency_s. A line sees what varies."""
+        receiver, ranging = self.receiver, self._ranging
+        if not self._stamped or ranging.latency_s > 0.0:
+            return True
+        if receiver.flown is None or not isinstance(receiver, MessageReceiver) or receiver.clock_words:
+            return False
+        whose = receiver.autopilot if ranging.stamped_by == "autopilot" else receiver.flown.sender
+        clock = None if whose is None else receiver.clocks(whose, now_s)
+        return clock is not None and clock.bound_s <= MOST_BOUND_S
+
     def on_vehicle(self, sysid: int | None, *, moving: bool) -> None:
         """Tell who the autopilot is, whose ranges are never a beacon's, and whether the vehicle may be moving."""
         if isinstance(self.receiver, MessageReceiver):
@@ -85,7 +115,12 @@ class RangeFeed:
         if signer is not None:
             signer.advance(now_s)
             frames = [frame for frame in frames if signer.believes(frame.raw, frame.sysid, frame.compid)]
-        return frames, self.on_messages((m for f in frames if (m := self._decoder.decode(f)) is not None), now_s)
+        messages = [message for frame in frames if (message := self._decoder.decode(frame)) is not None]
+        for message in messages:
+            if message.name == "TIMESYNC" and message.fields.tc1:
+                sender = (message.sysid, message.compid)
+                self.time.answer(sender, message.fields.ts1, message.fields.tc1, now_s)
+        return frames, self.on_messages(messages, now_s)
 
     def _ended(self, datagram: bytes) -> bytes:
         """Return it with the line ended, where a device writes lines into datagrams and never ends one.

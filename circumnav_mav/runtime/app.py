@@ -143,7 +143,7 @@ class App:
         frames = self.flight.receive(data, self._clock.now(), link, whole=self._links[link].whole)
         for frame in frames:
             self._recorder.frame(frame.raw)
-        return self.flight.link.autopilot_spoke
+        return self.flight.spoke
 
     def _on_change(self, link: str, up: bool, words: str) -> None:
         now_s = self._clock.now()
@@ -163,7 +163,8 @@ class App:
         now_s = self.flight.resume(now_s, self._take_in)
         self._last_tick_s = now_s
         frames, record = self.flight.tick(now_s, lateness_s, missed)
-        self._send(frames)
+        self._send(VEHICLE, frames)
+        self._send(RANGING, self.flight.questions(now_s))
         self._recorder.tick(record)
         self._limited.count(record)
         self._watch(now_s, record)
@@ -175,12 +176,11 @@ class App:
             link.drain()
         return self._clock.now()
 
-    def _send(self, frames: list[bytes]) -> None:
-        link = self._links[VEHICLE]
+    def _send(self, link: str, frames: list[bytes]) -> None:
         for frame in frames:
             if self._silenced or self.flight.was_stopped:  # since this tick began: what it decided is too old
                 return
-            link.send(frame)
+            self._links[link].send(frame)
             self._recorder.frame(frame)
 
     def _watch(self, now_s: float, record: TickRecord) -> None:
