@@ -8,7 +8,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable
 from math import inf, isfinite, nan
 
@@ -31,6 +30,7 @@ from circumnav_mav.mavlink.vehicles.believed import BelievedSpeed
 from circumnav_mav.mavlink.vehicles.fitness import Fitness, Unfit
 from circumnav_mav.notices import INFO, WARNING, Event, Notices
 from circumnav_mav.range_feed import RangeFeed
+from circumnav_mav.turned_away import TurnedAway
 from circumnav_mav.types import RangeSample, Rejected
 
 VEHICLE, RANGING = "vehicle", "ranging"
@@ -83,7 +83,8 @@ class Flight:
         self.notices = Notices(self.link, lambda frames: self._frames.extend(frames))
         for heading, words in told(config):
             self.notices.tell(0.0, f"{heading}: {words}", INFO)
-        self.rejected: Counter[str] = Counter()
+        self.turned_away = TurnedAway()
+        self.rejected = self.turned_away.total
         self.engaged_s = nan
         self.end_reason = ""
         self.target = Target()
@@ -140,19 +141,17 @@ class Flight:
                 result, self._motion(now_s), self._height_m(now_s), self._climb_m_s(now_s)
             )
             if rejected is None:
+                self.turned_away.used(now_s, self.ranges.echoes)
                 return
             result = rejected
             if rejected.reason == "overhead" and not now_s < self._overhead_next_s:
                 self._overhead_next_s = now_s + OVERHEAD_S
                 self.notices.say(now_s, f"near overhead, where a range tells nothing: {rejected.detail}", INFO)
-        self._count(result)
+        self.turned_away.add(str(result.reason))
 
     def _moving(self) -> bool:
         """Whether a range that stands still must be a stuck one: only above a walking speed."""
         return self.link.autopilot.speed_m_s > MOVING_M_S
-
-    def _count(self, rejected: Rejected) -> None:
-        self.rejected[str(rejected.reason)] += 1
 
     # -- the tick ---------------------------------------------------------------------------------------------------
 
@@ -298,6 +297,12 @@ class Flight:
         if phase is Phase.READY and self._auto is not None and self._auto.step is not Step.LEFT_TO_PILOT:
             return self.link.authority.rival_words(self._ticked_s) or self._auto.step.value
         return self._encoder.lacks if phase is Phase.READY else ""
+
+    def why_no_range(self, now_s: float) -> str:
+        """Return why no range is used, as far as can be told, and what to do."""
+        endpoint = self.ranges.endpoint
+        own = self.ranges.why_none(endpoint, now_s) if endpoint is not None else ""
+        return own or self.turned_away.why_none(now_s, self.ranges.echoes)
 
     def _status(self, now_s: float) -> Status:
         authority = self.link.authority

@@ -5,7 +5,11 @@ Three ways: messages on the vehicle's link, messages on a MAVLink endpoint of th
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable
+from dataclasses import replace
+from math import nan
+from typing import NamedTuple
 
 from circumnav_mav.config import Ranging
 from circumnav_mav.endpoint import USUAL_BAUD, Endpoint, parse
@@ -13,6 +17,7 @@ from circumnav_mav.mavlink.codec import Decoder, Frame, LinkCounts, Message, Pac
 from circumnav_mav.mavlink.dialect import layout
 from circumnav_mav.mavlink.signing import Signer
 from circumnav_mav.mavlink.timesync import TimeSync
+from circumnav_mav.range_words import TAIL_BYTES, Heard, why_none
 from circumnav_mav.ranging import SOURCES, ByteReceiver, ByteSource, MessageReceiver, Settings, carried, open_receiver
 from circumnav_mav.ranging.counts import Counts
 from circumnav_mav.ranging.plug import Reason
@@ -20,8 +25,16 @@ from circumnav_mav.ranging.shared_clock import MOST_BOUND_S
 from circumnav_mav.types import RangeSample, Rejected
 
 AUTOPILOT_COMPONENT = 1
-LEAST_BYTES = 64
-"""Fewer bytes than this prove nothing about a baud rate."""
+
+
+class Mark(NamedTuple):
+    """What had come at `t_s`, when the last range did."""
+
+    t_s: float
+    bytes_in: int
+    link: LinkCounts
+    rejected: dict[str, int]
+    echoes: int
 
 
 class RangeFeed:
@@ -43,6 +56,10 @@ class RangeFeed:
         self._stamped = ranging.use_stamps and "stamp_s" in carried(self.source, ranging.options)
         self._ends_lines = False
         self.bytes_in = 0
+        self.echoes = 0
+        """How many of the rejected were an autopilot's own: its range finder, or the echo of ours."""
+        self._at: Mark | None = None
+        self._tail = bytearray()
 
     @property
     def own_link(self) -> bool:
@@ -110,7 +127,13 @@ class RangeFeed:
         """Take what arrived on the link that carries ranges; return its MAVLink frames, and what they say."""
         self.bytes_in += len(data)
         if isinstance(self.receiver, ByteReceiver):
-            return [], self.receiver.feed(self._ended(data) if whole else data, now_s)
+            data = self._ended(data) if whole else data
+            self._tail += data
+            del self._tail[:-TAIL_BYTES]
+            results = self.receiver.feed(data, now_s)
+            if any(isinstance(result, RangeSample) for result in results):
+                self._flown_on(now_s)
+            return [], results
         frames = self._splitter.feed(data, whole=whole)
         if signer is not None:
             signer.advance(now_s)
@@ -137,30 +160,43 @@ class RangeFeed:
         """Take decoded messages; return what those that carry ranges say."""
         if not isinstance(self.receiver, MessageReceiver):
             return []
-        read = self.receiver.on_message
-        return [read(m.sysid, m.compid, m.fields, now_s) for m in messages if m.name in self.messages]
+        read, results = self.receiver.on_message, []
+        for message in messages:
+            if message.name in self.messages:
+                result = read(message.sysid, message.compid, message.fields, now_s)
+                results.append(result)
+                if isinstance(result, RangeSample):
+                    self._flown_on(now_s)
+                elif message.compid == AUTOPILOT_COMPONENT and result.reason == Reason.WRONG_SOURCE:
+                    self.echoes += 1
+        return results
 
-    def why_none(self, endpoint: Endpoint) -> str:
-        """Return in words why no range has come over `endpoint`, and what to do; empty where one has."""
-        rejected = self.counts.rejected
-        baud = f": another baud rate than {endpoint.baud or self.baud}?" if endpoint.kind == "serial" else ""
-        if self.counts.accepted:
+    def why_none(self, endpoint: Endpoint, now_s: float) -> str:
+        """Return in words why no range comes over `endpoint`, and what to do; empty while none is overdue."""
+        before = self._at is not None
+        silent_s = now_s - self._at.t_s if self._at is not None else nan
+        if silent_s <= self._ranging.max_age_s:
             return ""
-        if not self.bytes_in:
-            who = "a sender" if self.messages else "a device"
-            return f"nothing is heard on {endpoint}: is there {who}, and does it send to this place?"
-        if self.messages and self.link_counts.noise:
-            return f"{self.bytes_in} bytes on {endpoint} that are not MAVLink{baud}"
-        if not self.messages and set(rejected) <= {"bad_frame"}:
-            much = self.bytes_in >= LEAST_BYTES
-            return f"{self.bytes_in} bytes on {endpoint} that are not {self.source.name}{baud}" if much else ""
-        if rejected:
-            reason = max(rejected, key=lambda word: rejected[word])
-            return (
-                f"no range can be used: {sum(rejected.values())} rejected, most of them {reason} ({rejected[reason]})"
-            )
-        names = " or ".join(sorted(self.messages))
-        return f"{self.link_counts.understood} MAVLink frames on {endpoint}, but no {names}"
+        at = self._at or Mark(nan, 0, LinkCounts(), {}, 0)
+        heard = Heard(
+            endpoint=endpoint,
+            source=self.source,
+            options=self._ranging.options,
+            messages=self.messages,
+            baud=self.baud,
+            before=before,
+            bytes_in=self.bytes_in - at.bytes_in,
+            link=self._splitter.counts.since(at.link),
+            rejected=Counter(self.counts.rejected) - Counter(at.rejected),
+            echoes=self.echoes - at.echoes,
+            tail=bytes(self._tail),
+        )
+        return f"no range for {silent_s:.1f} s: {why_none(heard)}" if before else why_none(heard)
+
+    def _flown_on(self, now_s: float) -> None:
+        """A range came: what is wrong is reckoned from here on."""
+        self._at = Mark(now_s, self.bytes_in, replace(self._splitter.counts), dict(self.counts.rejected), self.echoes)
+        self._tail.clear()
 
 
 def receiver_settings(ranging: Ranging) -> Settings:

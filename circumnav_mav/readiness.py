@@ -19,6 +19,7 @@ from circumnav_mav.mavlink.signing import Signer
 from circumnav_mav.mavlink.vehicles import VEHICLES
 from circumnav_mav.mavlink.vehicles.fitness import Fitness, Unfit, described
 from circumnav_mav.range_feed import RangeFeed
+from circumnav_mav.range_words import commonest
 from circumnav_mav.settings_check import Finding, Severity, facts, judged
 from circumnav_mav.settings_table import TABLES, asked
 from circumnav_mav.types import RangeSample
@@ -187,7 +188,12 @@ class Audit:
             yield Finding(Severity.OK, "range", f"{rate_hz:.1f} Hz, {sum(counts.rejected.values())} rejected")
         elif counts.accepted:
             fix = f"the estimate is carried after {ranging.max_age_s:g} s without one: check the radio and its antennas"
-            yield Finding(Severity.WARNING, "range", f"only {rate_hz:.1f} Hz", fix)
+            few = f"only {rate_hz:.1f} Hz"
+            if sum(counts.rejected.values()) > self.ranges.echoes:
+                few += f", {commonest(counts.rejected, self.ranges.echoes)}"
+            elif self.ranges.endpoint is not None and (why := self.ranges.why_none(self.ranges.endpoint, now_s)):
+                few += f"; {why}"
+            yield Finding(Severity.WARNING, "range", few, fix)
         elif self._decoys and self._decoys == sum(counts.rejected.values()):
             yield Finding(
                 Severity.ERROR,
@@ -196,7 +202,7 @@ class Audit:
                 "start the ranging radio; its sender must not be component 1, nor its orientation 25 (down)",
             )
         elif self.ranges.endpoint is not None:
-            yield Finding(Severity.ERROR, "range", self.ranges.why_none(self.ranges.endpoint))
+            yield Finding(Severity.ERROR, "range", self.ranges.why_none(self.ranges.endpoint, now_s))
         elif counts.rejected:
             reason = max(counts.rejected, key=lambda word: counts.rejected[word])
             text = f"none can be used: most are {reason} ({counts.last_detail.get(reason, '')})"

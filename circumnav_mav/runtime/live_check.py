@@ -75,4 +75,5 @@ def table(findings: list[Finding]) -> Iterator[str]:
 
 
 def _lines(head: str, text: str) -> list[str]:
-    return textwrap.wrap(text, WIDTH, initial_indent=head, subsequent_indent=INDENT, break_long_words=False)
+    # A finding without words must be seen too: it is counted.
+    return textwrap.wrap(text or "-", WIDTH, initial_indent=head, subsequent_indent=INDENT, break_long_words=False)

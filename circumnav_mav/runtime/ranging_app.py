@@ -113,11 +113,11 @@ class RangingApp:
             yield f"{channel}: {range_m:.3f} m" + (", flown on" if channel == receiver.flown else "")
 
     def hint(self) -> str:
-        """Return in words why there is no range at all, as far as can be told, and what to do."""
+        """Return in words why no range comes, as far as can be told, and what to do; empty while none is overdue."""
         signer = self._signer
         if signer is not None and signer.refused and not signer.accepted:
             return f"no frame on {self._link.endpoint} is believed: {signer.complaint()}"
-        return self.feed.why_none(self._link.endpoint)
+        return self.feed.why_none(self._link.endpoint, self._clock.now())
 
 
 def summary(status: Status, duration_s: float, hint: str, heard: Iterable[str] = ()) -> Iterator[str]:

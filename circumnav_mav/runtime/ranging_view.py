@@ -18,7 +18,7 @@ class RangingView(Protocol):
     """Where a sensor's figures are shown."""
 
     def show(self, now_s: float, status: Status, hint: str) -> None:
-        """Show the present figures; `hint`: why there are none."""
+        """Show the present figures; `hint`: why no range comes."""
 
     def event(self, now_s: float, text: str) -> None:
         """Show something that happened."""

@@ -142,7 +142,12 @@ class Bench:
         for frame in frames:
             asked = mavlink.MAVLink(None).decode(bytearray(frame))
             self.sent[link].append(asked)
-            if answers is not None and asked.get_type() == "TIMESYNC" and not asked.tc1 and link == self.links[answers[0]]:
+            if (
+                answers is not None
+                and asked.get_type() == "TIMESYNC"
+                and not asked.tc1
+                and link == self.links[answers[0]]
+            ):
                 answer = mavlink.MAVLink_timesync_message(round((self.now_s + answers[1]) * 1e9), asked.ts1)
                 self.flight.receive(answer.pack(self.mavs[answers[0]]), self.now_s + 0.002, link)
 
