@@ -34,9 +34,12 @@ def onward(place: Place, t_s: float, motion: Motion) -> Place:
             north = motion.psi - (place.heading + turn)
         else:
             turn = (motion.psi - place.heading - north + pi) % (2.0 * pi) - pi
-    chord = motion.V * dt * sinc(0.5 * turn)
-    course = place.heading + 0.5 * turn
-    return Place(t_s, place.x + chord * cos(course), place.y + chord * sin(course), place.heading + turn, north)
+    measured = not (isnan(motion.ahead) or isnan(motion.left))
+    chord = dt * sinc(0.5 * turn)
+    ahead, left = (motion.ahead * chord, motion.left * chord) if measured else (motion.V * chord, 0.0)
+    middle = place.heading + 0.5 * turn
+    c, s = cos(middle), sin(middle)
+    return Place(t_s, place.x + ahead * c - left * s, place.y + ahead * s + left * c, place.heading + turn, north)
 
 
 def between(a: Place, b: Place, motion: Motion) -> Moved:
@@ -63,7 +66,8 @@ class Trail:
         if not (isnan(motion.V) or isnan(motion.u)):
             return motion
         last = self._motion
-        return Motion(last.V if isnan(motion.V) else motion.V, last.u if isnan(motion.u) else motion.u, motion.psi)
+        V, u = last.V if isnan(motion.V) else motion.V, last.u if isnan(motion.u) else motion.u
+        return Motion(V, u, motion.psi, motion.ahead, motion.left)
 
     def advance(self, now_s: float, motion: Motion) -> None:
         """Add the motion flown since the last call. Time that does not go on adds nothing."""
