@@ -212,7 +212,7 @@ def late_flight(stamped_by: str, seed: int, late: bool = True) -> tuple[float, f
     rig = Rig(
         config(
             vehicle={"class": "px4_fixed_wing"},
-            ranging={"sigma_m": 0.5, "stamped_by": stamped_by, "target_height_m": None},
+            ranging={"sigma_m": 0.5, "stamped_by": stamped_by},
         ),
         airborne(distance_m=240.0, wind_north_m_s=4.0, seed=seed, **world, **radio),
         Wires(LateRanges(seed) if late else Wire(), Wire()),
