@@ -184,7 +184,7 @@ LATE_SEEDS = [6, *(pytest.param(seed, marks=pytest.mark.soak) for seed in (1, 13
 def test_ranges_that_are_late_by_half_a_second_break_no_flight_off_that_began_with_the_wrong_one(seed):
     """The seeds of 1 to 36 in which a belief was outvoted at all. With 6 it is, once before the choice and four times
     after it, and holds from then on."""
-    late_flight("sender", seed)
+    late_flight("sender", seed, target_height_m="auto")
 
 
 def test_a_beacon_that_is_moved_is_one_restart_and_does_not_change_the_choice():
