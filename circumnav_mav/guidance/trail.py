@@ -51,10 +51,14 @@ def between(a: Place, b: Place, motion: Motion) -> Moved:
 
 
 class Trail:
-    """The last `span_s` seconds of dead reckoning."""
+    """The last `span_s` seconds of dead reckoning.
 
-    def __init__(self, span_s: float, speed_m_s: float) -> None:
-        self._span_s = span_s
+    slips: take the velocity where it is measured, which need not point along the heading. An estimator whose state is an
+    angle to the heading, and its rate V cos of that, takes it to: its axes would be others than its motion's.
+    """
+
+    def __init__(self, span_s: float, speed_m_s: float, *, slips: bool = True) -> None:
+        self._span_s, self._slips = span_s, slips
         self._places: deque[Place] = deque()
         self._motion = Motion(V=speed_m_s, u=0.0)
 
@@ -63,6 +67,8 @@ class Trail:
 
     def known(self, motion: Motion) -> Motion:
         """Return the motion with the last known speed and turn rate where a sensor is silent."""
+        if not self._slips and not isnan(motion.ahead):
+            motion = Motion(motion.V, motion.u, motion.psi)
         if not (isnan(motion.V) or isnan(motion.u)):
             return motion
         last = self._motion

@@ -43,6 +43,11 @@ def test_a_velocity_that_is_measured_moves_the_vehicle_whatever_the_heading_does
     assert moved.ahead == pytest.approx(6.0 * math.cos(along), abs=0.05)  # a step of 20 ms turns it by 0.01 rad
     assert moved.left == pytest.approx(6.0 * math.sin(along), abs=0.05)
     assert moved.turn == pytest.approx(1.0)
+    straight = Trail(5.0, 4.0, slips=False)
+    straight.advance(0.0, Motion(4.0, 0.0, 0.3, 1.0, 2.0))
+    straight.advance(1.0, Motion(4.0, 0.0, 0.3, 1.0, 2.0))
+    moved = straight.between(straight.at(0.0, Motion()), straight.at(1.0, Motion()), Motion())
+    assert (moved.ahead, moved.left) == pytest.approx((4.0, 0.0))
 
 
 def test_silent_sensors_keep_their_last_value_and_the_compass_is_reckoned():
