@@ -53,8 +53,8 @@ def between(a: Place, b: Place, motion: Motion) -> Moved:
 class Trail:
     """The last `span_s` seconds of dead reckoning.
 
-    slips: take the velocity where it is measured, which need not point along the heading. An estimator whose state is an
-    angle to the heading, and its rate V cos of that, takes it to: its axes would be others than its motion's.
+    slips: take the velocity where it is measured, which need not point along the heading. To an estimator whose state
+    is an angle to the heading it does, for its rate is V cos of that angle.
     """
 
     def __init__(self, span_s: float, speed_m_s: float, *, slips: bool = True) -> None:
