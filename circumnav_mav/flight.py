@@ -302,7 +302,7 @@ class Flight:
         """Return why no range is used, as far as can be told, and what to do."""
         endpoint = self.ranges.endpoint
         own = self.ranges.why_none(endpoint, now_s) if endpoint is not None else ""
-        return own or self.turned_away.why_none(now_s, self.ranges.echoes)
+        return own or self.turned_away.why_none(now_s, self.ranges.echoes, self._config.ranging.max_age_s)
 
     def _status(self, now_s: float) -> Status:
         authority = self.link.authority

@@ -38,10 +38,12 @@ class TurnedAway:
         reason, count = others.most_common(1)[0]
         return f"{total}, most {reason} ({count})"
 
-    def why_none(self, now_s: float, echoes: int) -> str:
+    def why_none(self, now_s: float, echoes: int, max_age_s: float) -> str:
         """Return why none has been used, or none since the last."""
         echoes -= self._echoes
         silent_s = now_s - self._used_s
+        if silent_s <= max_age_s:
+            return "ranges come, but there is no estimate from them yet"
         lead = f"no range for {silent_s:.1f} s: " if silent_s == silent_s else ""
         if not self._since:
             what = "nothing comes any more" if lead else "no range message has come"

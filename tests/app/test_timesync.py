@@ -191,6 +191,11 @@ def test_on_a_radio_s_own_link_nothing_leaves_but_the_question_and_that_where_it
     }
 
 
+def test_a_device_of_its_own_is_never_sent_mavlink():
+    flight = Flight(config(ranging={"source": "linktrack", "endpoint": "/dev/ttyUSB0"}))
+    assert [frame for n in range(100) for frame in flight.questions(0.1 * n)] == []
+
+
 def test_the_radio_is_asked_under_the_vehicle_s_system():
     bench = Bench(endpoint=OWN)
     bench.mavs["autopilot"] = mavlink.MAVLink(None, 9, 1)

@@ -187,6 +187,7 @@ def test_a_flight_shows_the_commonest_reason_beside_the_total(messages, words):
             "no range can be flown on: 4 rejected, most of them out_of_range",
         ),
         ([beacon(158, 50.0)], "no range for 1.9 s: nothing comes any more"),
+        ([beacon(158, 50.0)] * 15, "ranges come, but there is no estimate from them yet"),
         ([beacon(158, 50.0), beacon(158, 500.0)], "no range for 1.9 s: no range can be flown on: 1 rejected"),
     ],
 )
