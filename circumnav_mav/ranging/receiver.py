@@ -51,8 +51,8 @@ class Channel(NamedTuple):
 class _Receiver:
     def __init__(self, source: Source, settings: Settings) -> None:
         self.counts = Counts()
-        self.moving = True
-        """Set False while the vehicle is known to stand still: a value that does not change is then no fault."""
+        self.moving = False
+        """Set True while the vehicle is known to move: a value that does not change is then a fault."""
         self.heard: dict[Channel, float] = {}
         """The last range [m] of every channel heard, flown on or not: what from, sensor_id, beacon_id choose from."""
         self._settings = settings

@@ -175,7 +175,6 @@ def session(module: Module, for_s: float) -> int:
     """Open the port as the app does, listen, close it; return how many ranges came in the last half."""
     where = f"serial://{module.cable.path}"
     feed = RangeFeed(config(f"ranging: {{source: dwm1001_les, endpoint: '{where}'}}").ranging)
-    feed.on_vehicle(None, moving=False)  # on a bench, where a range stands still
     wire = Wire(open_ranging_link(parse(where), feed), lambda data: feed.on_bytes(data, module.t_s, whole=False))
     half = 0
     for i in range(round(for_s / module.PERIOD_S)):
