@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from math import inf, isfinite, nan, radians
 from typing import Annotated, Any, Literal
 
@@ -28,6 +28,7 @@ from circumnav_mav.guidance.laws import LAWS
 from circumnav_mav.guidance.safety import Limits as SafetyLimits
 from circumnav_mav.mavlink.autopilot import AUTOPILOT_COMPONENT
 from circumnav_mav.mavlink.setpoints import SetpointLimits
+from circumnav_mav.mavlink.streams import RANGES_HZ
 from circumnav_mav.mavlink.vehicles import VEHICLES
 from circumnav_mav.mavlink.vehicles.plug import Options, VehicleClass
 from circumnav_mav.ranging import SOURCES
@@ -279,12 +280,15 @@ class Config(Section):
         """How far the velocity runs ahead of the nose: vehicle.lead_s, or what was measured for the class."""
         return self.vehicle_class.lead_s if self.vehicle.lead_s is None else self.vehicle.lead_s
 
-    @property
-    def ranges_of_autopilot(self) -> bool:
-        """Whether ranging.from names the autopilot that is flown, so that it has to be asked for its ranges."""
+    def messages_hz(self, subscribed: Iterable[str]) -> dict[str, float]:
+        """Return how often the autopilot is to send what, Hz: what the vehicle class needs, and the ranges (messages
+        `subscribed`) where ranging.from names the autopilot itself.
+        """
+        wanted_hz = dict(self.vehicle_class.messages_hz)
         system, component = self.ranging.sender or (0, 0)
-        ours = self.vehicle.system_id in (None, system)
-        return component == AUTOPILOT_COMPONENT and ours and self.ranging.endpoint is None
+        if component == AUTOPILOT_COMPONENT and self.vehicle.system_id in (None, system):
+            wanted_hz |= dict.fromkeys(subscribed, RANGES_HZ)
+        return wanted_hz
 
     def encoder_options(self) -> Options:
         """Return what the vehicle class builds its encoder from."""

@@ -25,7 +25,6 @@ from circumnav_mav.mavlink.engage import AutoEngage, Step
 from circumnav_mav.mavlink.link import COMPANION_COMPONENT, AutopilotLink
 from circumnav_mav.mavlink.offboard import WITH_AUTHORITY, Control
 from circumnav_mav.mavlink.signing import Signer
-from circumnav_mav.mavlink.streams import RANGES_HZ
 from circumnav_mav.mavlink.vehicles import VEHICLES
 from circumnav_mav.mavlink.vehicles.believed import BelievedSpeed
 from circumnav_mav.mavlink.vehicles.fitness import Fitness, Unfit
@@ -62,9 +61,7 @@ class Flight:
         vehicle = config.vehicle_class
         self._vehicle, self.words = vehicle, vehicle.words
         subscribed = () if self.ranges.own_link else self.ranges.messages
-        wanted_hz = dict(vehicle.messages_hz)
-        if config.ranges_of_autopilot:
-            wanted_hz |= dict.fromkeys(subscribed, RANGES_HZ)
+        wanted_hz = config.messages_hz(subscribed)
         self.link = AutopilotLink(subscribed, wanted_hz, vehicle.words, signer, system_id=config.vehicle.system_id)
         self.link.authority.needs_air = vehicle.airframe != "rover"
         self.ranges.follow_clocks(self.link.time)

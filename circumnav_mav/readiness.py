@@ -42,7 +42,9 @@ class Audit:
         self.ranges = RangeFeed(config.ranging)
         words = replace(vehicle.words, parameters=asked(vehicle.name))
         subscribed = () if self.ranges.own_link else self.ranges.messages
-        self.link = AutopilotLink(subscribed, vehicle.messages_hz, words, signer, system_id=config.vehicle.system_id)
+        self.link = AutopilotLink(
+            subscribed, config.messages_hz(subscribed), words, signer, system_id=config.vehicle.system_id
+        )
         self.link.authority.needs_air = vehicle.airframe != "rover"
         self.ranges.follow_clocks(self.link.time)
         self._to_radio = Packer(config.vehicle.system_id or 1, COMPANION_COMPONENT)

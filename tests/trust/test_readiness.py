@@ -80,6 +80,13 @@ def test_on_the_ground_in_offboard_is_still_a_warning():
     assert found["mode"].severity is WARNING and "choose another mode first" in found["mode"].text
 
 
+def test_an_autopilot_that_is_to_give_its_own_ranges_is_asked_for_them():
+    found, sent = listen({"ranging": {"from": [1, 1]}}, also=sticks)
+    assert found["range"].severity is OK
+    asked = [mavlink.MAVLink(None).decode(bytearray(frame)) for frame in sent]
+    assert [m.param2 for m in asked if m.get_type() == "COMMAND_LONG" and m.param1 == 132] == [50_000.0]
+
+
 def test_a_rover_is_not_told_to_take_off():
     app = {"vehicle": {"class": "px4_rover"}}
     mav, audit = mavlink.MAVLink(None, 1, 1), Audit(config(**app))
