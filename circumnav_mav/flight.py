@@ -226,8 +226,8 @@ class Flight:
                 self._frames.append(link.setpoint(*encoded, now_s))
                 self._sent_rad_s = decision.setpoint.turn_rate_rad_s
         self._invite(now_s)
-        self._show_target(now_s, decision)
         self._frames += link.poll(now_s) + link.read_parameters(now_s)
+        self._show_target(now_s, decision)  # after the poll, which may find that the aircraft is no longer ours
         self.notices.watch_link(now_s)
         self._watch_noise(now_s)
         for words in self.computer.choice.news() if self.computer.choice is not None else ():
@@ -427,7 +427,8 @@ class Flight:
             return
         if now_s - ap.position_s <= PLACE_FRESH_S:
             self.target_place = latitude_longitude(ap.lat_deg, ap.lon_deg, self.target)
-        if now_s < self._map_next_s or decision.phase in SILENT:
+        silent = decision.phase in SILENT or self.link.authority.control is Control.RELEASED
+        if now_s < self._map_next_s or silent:
             return
         self._map_next_s = now_s + MAP_S
         t = self.target
