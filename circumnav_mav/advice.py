@@ -251,19 +251,3 @@ def _as_horizontal(radius_m: float, height_m: float | None) -> Finding:
         f"{sqrt(radius_m**2 - example_m**2):.1f} m instead of {radius_m:g}; {to_do}"
     )
     return Finding("warning" if height_m is not None and height_m >= STEEP * radius_m else "info", "slant", text)
-
-
-LOST_SHARE = 1.0 / 3.0
-"""Wind, as a share of the speed, in which every law but tangent lost flights (docs/estimation.md, R_wind5)."""
-
-
-def drifting(config: Config) -> Iterator[Finding]:
-    """Yield a warning, or with a strong wind an error, where the vehicle drifts and the law knows no wind."""
-    law, wind_m_s = config.law.name, config.study.wind_m_s
-    if config.vehicle_class.speed == "ground" or law == "tangent":
-        return
-    cure = "law tangent on estimator drift does not (README, docs/estimation.md)"
-    lost = wind_m_s is not None and wind_m_s >= LOST_SHARE * config.orbit.speed_m_s
-    here = f", and study.wind_m_s is {wind_m_s:g}" if lost else ""
-    text = f"law {law} loses the target in wind above about a quarter of the speed{here}: {cure}"
-    yield Finding("error" if lost else "warning", "law", text)

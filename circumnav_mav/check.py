@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from math import nan, radians
 
-from circumnav_mav.advice import ages, bears_lag, drifting, handing_over, jumps, rate_of_ranges, seldom, slant, suits
+from circumnav_mav.advice import ages, bears_lag, handing_over, jumps, rate_of_ranges, seldom, slant, suits
 from circumnav_mav.config import Config, Limits, Ranging, Vehicle
 from circumnav_mav.config_defaults import told
 from circumnav_mav.guidance.estimators import ESTIMATORS
@@ -14,6 +14,7 @@ from circumnav_mav.guidance.laws.hashemi2013 import DEFAULT_KAPPA, gain
 from circumnav_mav.guidance.verdict import Finding, Flight, Severity, report, report_plain, verdict
 from circumnav_mav.ranging import SOURCES, MessageSource, carried
 from circumnav_mav.ranging.plug import Source
+from circumnav_mav.wind_advice import drifting
 
 PROVEN = "hashemi2013"
 """The law that the paper's recurrence bound is about: its outer half alone has none."""

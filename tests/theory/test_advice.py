@@ -1,5 +1,6 @@
 """What `check` advises beside the gain: slant ranges, old ranges, and vehicles that drift."""
 
+from dataclasses import replace
 from math import hypot
 
 import pytest
@@ -9,7 +10,12 @@ from circumnav_mav.config import Config
 from circumnav_mav.guidance.estimators import direct
 from circumnav_mav.guidance.kernel import RESTARTED, EstimatorContext, Memory, Moved, Reading
 from circumnav_mav.guidance.slant import level
+from circumnav_mav.guidance.verdict import LOSES_IN
 from circumnav_mav.mavlink.vehicles import VEHICLES
+from circumnav_mav.study.aircraft import MOST_WIND_SHARE
+from circumnav_mav.study.compare import row
+from circumnav_mav.study.scenarios import SCENARIOS
+from circumnav_mav.study.simulate import Pilot
 
 
 def check(**sections):
@@ -85,19 +91,61 @@ def test_check_says_that_it_is_found_out_in_flight():
 def test_check_says_which_laws_lose_the_target_in_wind(kind):
     drifts = VEHICLES[kind].speed != "ground"
     orbit, hashemi = {"radius_m": 100.0, "speed_m_s": 15.0}, {"name": "hashemi2013"}
-    for wind, severity in ((None, "warning"), (4.9, "warning"), (5.0, "error")):
+    for wind, severity in ((None, "warning"), (3.0, "warning"), (4.9, "warning"), (5.0, "error")):
         base = {"vehicle": {"class": kind}, "orbit": orbit, "study": {"wind_m_s": wind}}
         found = check(**base, law=hashemi)
-        assert ("law" in found) is drifts
+        assert "law" not in check(**base, law={"name": "tangent"}, estimator={"name": "drift"})
         if drifts:
             assert found["law"].severity == severity and "about a quarter of the speed" in found["law"].text
-        assert "law" not in check(**base, law={"name": "tangent"})
+        elif wind in (None, 3.0):
+            assert "law" not in found
+        else:  # of the target, say: wind is held against
+            assert found["law"].severity == "warning"
+            assert "speed of the target: law hashemi2013 loses flights" in found["law"].text
+            assert "if it is wind, the autopilot holds" in found["law"].text
+
+
+@pytest.mark.parametrize(
+    ("kind", "share", "severity"),
+    [
+        ("px4_fixed_wing", MOST_WIND_SHARE, None),
+        ("px4_fixed_wing", MOST_WIND_SHARE + 0.01, "warning"),
+        ("px4_fixed_wing", 0.96, "error"),
+        ("px4_multirotor_attitude", 0.33, None),
+        ("px4_multirotor_attitude", 0.35, "warning"),
+        ("px4_multirotor_attitude", 0.96, "error"),
+        ("px4_multirotor", MOST_WIND_SHARE, None),
+        ("px4_multirotor", MOST_WIND_SHARE + 0.01, "warning"),
+        ("px4_multirotor", 2.0, "warning"),
+    ],
+)
+def test_check_says_where_tangent_loses_the_target_too(kind, share, severity):
+    """`tune` refuses the same wind: MOST_WIND_SHARE is its bound."""
+    orbit, limits = {"radius_m": 300.0, "speed_m_s": 12.0}, {"bank_deg": 30.0}
+    pair = {"law": {"name": "tangent"}, "estimator": {"name": "drift"}}
+    found = check(vehicle={"class": kind}, orbit=orbit, limits=limits, study={"wind_m_s": share * 12.0}, **pair)
+    assert (found["law"].severity if "law" in found else None) == severity
+
+
+def test_the_default_multirotor_does_lose_a_target_that_moves_and_tangent_does_not():
+    """What the warning says, flown: a target at 0.4 of the speed, and one at 0.2."""
+    pairs = (("hashemi2013", "direct"), ("tangent", "drift"))
+    scenario = replace(
+        SCENARIOS["R_calm"], V_m_s=5.0, r_a_m=50.0, sigma_r_m=0.3, lag_s=0.45, limit_rad_s=0.8, start_m=(75.0, 300.0)
+    )
+    lost = {
+        (law, share): row(replace(scenario, target_m_s=5.0 * share), Pilot(law, on), 30, seed=1).lost
+        for law, on in pairs
+        for share in (LOSES_IN, 2.0 * LOSES_IN)
+    }
+    assert lost["hashemi2013", 2.0 * LOSES_IN] > 0.1
+    assert lost["hashemi2013", LOSES_IN] == lost["tangent", LOSES_IN] == lost["tangent", 2.0 * LOSES_IN] == 0.0
 
 
 def test_check_takes_a_circle_that_the_wind_makes_impossible_as_an_error():
     plane = {"vehicle": {"class": "px4_fixed_wing"}, "orbit": {"radius_m": 60.0, "speed_m_s": 15.0}}
     plane |= {"limits": {"bank_deg": 30.0}}
-    assert "bank" not in check(**plane, study={"wind_m_s": 3.0})  # (15 + 3)^2 / (g tan 30 deg) = 57.2 m
+    assert check(**plane, study={"wind_m_s": 3.0})["bank"].severity == "info"  # (15 + 3)^2 / (g tan 30 deg) = 57.2 m
     found = check(**plane, study={"wind_m_s": 4.0})["bank"]  # 63.76 m
     assert found.severity == "error" and "holds no circle below 63.76 m downwind" in found.text
 
