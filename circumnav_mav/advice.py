@@ -137,6 +137,10 @@ CALM, MOST_STEPS = 0.5, 40
 """Share of the dead time borne from where on the circle swings; steps of the gain that a cure is looked for in."""
 
 
+def _time(seconds: float) -> str:
+    return "any time" if seconds == inf else f"{seconds:.3g} s"
+
+
 def bears_lag(config: Config, late_s: float) -> Iterator[Finding]:
     """Yield how much lag the law bears with its options, taken from its kernel: lag.py.
 
@@ -155,8 +159,8 @@ def bears_lag(config: Config, late_s: float) -> Iterator[Finding]:
 
     used, borne_s, beside_s = share(config.law.options)
     text = (
-        f"law {name} as set bears a turn rate that lags by {borne_s:.3g} s, or beside the vehicle's lag of {lag_s:.2g} "
-        f"s a dead time of {beside_s:.2g} s; here it is {late_s:.2g} s"
+        f"law {name} as set bears a turn rate that lags by {_time(borne_s)}, or beside the vehicle's lag of "
+        f"{lag_s:.2g} s a dead time of {_time(beside_s)}; here it is {late_s:.2g} s"
     )
     if used <= CALM:
         yield Finding("info", "lag", text)

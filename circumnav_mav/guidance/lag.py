@@ -22,8 +22,9 @@ from circumnav_mav.guidance.kernel import Estimate, Law
 STEP = 1e-5
 """Of the differences, as a share of the radius, of 1 rad and of V / r_a."""
 
-SLOWEST, FASTEST, POINTS = 1.001, 1e4, 4000
-"""Angular frequencies that are looked at for crossings, in V / r_a; evenly in their logarithm."""
+NEAREST, FARTHEST, RATIO = 1e-6, 1e9, 1.005
+"""Angular frequencies that are looked at for crossings: so far above V / r_a, in V / r_a, and each so many times as far
+as the one before. A loop that is still above 1 at the end bears no dead time that anything could keep."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,14 +46,14 @@ class Loop:
         if lag_s >= self.lag_s():
             return 0.0
         least = 0.0 if lag_s <= 0.0 and abs(self.k_u) >= 1.0 else inf  # it answers the turn it hears of with more of it
-        w, ratio = SLOWEST * self.omega, (FASTEST / SLOWEST) ** (1.0 / POINTS)
-        now = self._gain(w, lag_s)
-        for _ in range(POINTS):
-            w, before = w * ratio, now
-            now = self._gain(w, lag_s)
-            if (abs(before) - 1.0) * (abs(now) - 1.0) < 0.0:
-                least = min(least, phase(now) % (2.0 * pi) / w)
-        return least
+        far, before = NEAREST, inf
+        while far < FARTHEST:
+            w = (1.0 + far) * self.omega
+            now = abs(gain := self._gain(w, lag_s))
+            if (before - 1.0) * (now - 1.0) < 0.0:
+                least = min(least, phase(gain) % (2.0 * pi) / w)
+            before, far = now, RATIO * far
+        return 0.0 if before > 1.0 else least
 
     def _gain(self, w: float, lag_s: float) -> complex:
         answer = self.k_u + (self.k_r * self.V + 1j * w * self.k_theta) / (self.omega**2 - w * w)

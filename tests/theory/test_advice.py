@@ -127,6 +127,7 @@ def test_check_says_where_tangent_loses_the_target_too(kind, share, severity):
     assert (found["law"].severity if "law" in found else None) == severity
 
 
+@pytest.mark.soak  # both pairs are compiled
 def test_the_default_multirotor_does_lose_a_target_that_moves_and_tangent_does_not():
     """What the warning says, flown: a target at 0.4 of the speed, and one at 0.2."""
     pairs = (("hashemi2013", "direct"), ("tangent", "drift"))

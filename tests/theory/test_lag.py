@@ -9,7 +9,7 @@ from circumnav_mav.check import findings
 from circumnav_mav.config import Config
 from circumnav_mav.guidance.feasibility import LAG_UNSTABLE
 from circumnav_mav.guidance.kernel import Estimate, LawContext
-from circumnav_mav.guidance.lag import loop_of
+from circumnav_mav.guidance.lag import Loop, loop_of
 from circumnav_mav.guidance.laws import LAWS
 from circumnav_mav.study.plant import Plant, World, fly
 
@@ -97,3 +97,18 @@ def test_check_names_the_gain_that_is_calm():
     weaving = lag_of("cao2013_saturated", layer_share=0.05)
     assert weaving.severity == "warning" and "weave" in weaving.text and "layer_share" in weaving.text
     assert lag_of("tangent", gain_per_s=300.0).severity == "error"
+
+
+def test_a_gain_however_large_is_seen_to_swing():
+    """g tau = 60, 200 and 20,000: the loop passes 1 where it is far quicker than any vehicle."""
+    for gain in (300.0, 1e3, 1e5):
+        assert lag_of("tangent", gain_per_s=gain).severity == "error"
+    assert Loop(V, V / R_A, -1e12, -1e12, 0.0).dead_time_s(0.1) < 1e-5
+    closing = Loop(V, V / R_A, -1e-9, -1e-7, 0.0)  # hardly steered: it passes 1 within a millionth of V / r_a
+    assert 0.0 < closing.dead_time_s() < math.inf
+
+
+def test_a_lag_without_bound_is_called_any():
+    """With so slow a run-in the range has no say but for the turn of the sight (K_r > 0): by Routh any lag will do."""
+    text = lag_of("tangent", reach_s=1e4).text
+    assert "lags by any time" in text and "inf" not in text
