@@ -9,10 +9,6 @@ from circumnav_mav.config import Config, guidance_settings
 from circumnav_mav.guidance import sampling
 from circumnav_mav.guidance.barrier import least_room_m
 from circumnav_mav.guidance.computer import band_of
-from circumnav_mav.guidance.estimators import ESTIMATORS
-from circumnav_mav.guidance.estimators.flying import TRAIL_S
-from circumnav_mav.guidance.estimators.gate import believed_s
-from circumnav_mav.guidance.kernel import EstimatorContext
 from circumnav_mav.guidance.lag import loop_of
 from circumnav_mav.guidance.laws import LAWS
 from circumnav_mav.guidance.laws.hashemi2013 import DEFAULT_KAPPA
@@ -59,71 +55,6 @@ def suits(config: Config) -> Iterator[Finding]:
             f"raise orbit.r_max_m to {ceil(least_m)} m, or leave it out"
         )
         yield Finding("warning", "band", text)
-
-
-def _period_s(config: Config) -> tuple[float, str]:
-    """Return how far apart ranges come, s, and which key says so."""
-    if "range_rate_hz" in config.study.model_fields_set:
-        return 1.0 / config.study.range_rate_hz, "study.range_rate_hz"
-    return config.ranging.max_age_s, "ranging.max_age_s"
-
-
-def seldom(config: Config) -> Iterator[Finding]:
-    """Yield a warning where every range is stale before the next one comes."""
-    period_s, whose = _period_s(config)
-    if period_s > config.ranging.max_age_s:
-        text = (
-            f"one range in {period_s:.3g} s ({whose}) is stale before the next: after ranging.max_age_s = "
-            f"{config.ranging.max_age_s:g} s the flight counts as coasting; raise it, or take a quicker sensor"
-        )
-        yield Finding("warning", "seldom", text)
-
-
-def jumps(config: Config) -> Iterator[Finding]:
-    """Yield a warning where the range is lost before a beacon that was moved is believed: gate.py votes meanwhile."""
-    coast_s, needed_s = config.ranging.coast_s, believed_s(1.0 / config.study.range_rate_hz)
-    if config.estimator.name != "raw" and coast_s < needed_s:
-        text = (
-            f"ranging.coast_s = {coast_s:.3g} s is over before ranges that contradict the estimate, from a beacon that "
-            f"was moved, say, are believed ({needed_s:.3g} s with {config.study.range_rate_hz:g} ranges a second): the "
-            f"range is lost first; {needed_s + config.ranging.max_age_s:.3g} s is enough"
-        )
-        yield Finding("warning", "jumps", text)
-
-
-def rate_of_ranges(config: Config, kappa: float, lag_s: float) -> Iterator[Finding]:
-    """Yield how the rate of ranges and the filter bound the gain of the paper's law.
-
-    Reckoned with are the ranges of study.range_rate_hz, where the file gives it; else the slowest that still count as
-    fresh, one in ranging.max_age_s.
-    """
-    orbit, (slowest_s, whose) = config.orbit, _period_s(config)
-    r_a, V = orbit.radius_m, orbit.speed_m_s
-    if config.estimator.name == "raw":
-        measured = SOURCES[config.ranging.source].has_rate
-        bears_s = sampling.slowest_period_s(r_a, kappa, V, lag_s, measured)
-        most = sampling.largest_kappa(r_a, V, lag_s + sampling.held_s(slowest_s, measured))
-        text = (
-            f"raw holds a rate between ranges: kappa {kappa:.3g} bears them {max(bears_s, 0.0):.3g} s apart at most; "
-            f"{slowest_s:.3g} s apart ({whose}), only kappa below {most:.3g}"
-        )
-        yield Finding("warning" if bears_s < slowest_s else "info", "range_rate", text)
-        return
-    text = (
-        f"{config.estimator.name} carries ranges on by the turn that was flown: however seldom they come, they add "
-        "nothing to the lag of the loop"
-    )
-    if config.estimator.name != "direct":
-        yield Finding("info", "range_rate", text)
-        return
-    context = EstimatorContext(r_a, V, config.turn_rate_limit_rad_s)
-    noise = ESTIMATORS["direct"].parameters(config.estimator.options, context).q
-    late_s = sampling.filter_lag_s(config.ranging.sigma_m, sqrt(noise), slowest_s)
-    most = sampling.kappa_of_use(r_a, V, late_s)
-    text += (
-        f"; one in {slowest_s:.3g} s follows wind {late_s:.2g} s late, and kappa above {most:.3g} gains nothing then"
-    )
-    yield Finding("warning" if kappa > most else "info", "range_rate", text)
 
 
 GAINS = {
@@ -183,16 +114,6 @@ def bears_lag(config: Config, late_s: float) -> Iterator[Finding]:
         yield Finding("warning", "lag", f"the vehicle will weave about the circle: {text}")
     else:
         yield Finding("error", "lag", f"the circle is unstable: {text}")
-
-
-def ages(config: Config) -> Iterator[Finding]:
-    """Yield a warning where ranging.max_age_s allows what the estimator cannot place any more."""
-    if config.ranging.max_age_s > TRAIL_S:
-        text = (
-            f"a range that comes more than {TRAIL_S:g} s late is not used, though ranging.max_age_s allows "
-            f"{config.ranging.max_age_s:g} s: what was flown is remembered no longer"
-        )
-        yield Finding("warning", "age", text)
 
 
 STEEP = 1.0 / 3.0
