@@ -85,8 +85,9 @@ def bears_lag(config: Config, late_s: float) -> Iterator[Finding]:
 
     def share(options: Mapping[str, float]) -> tuple[float, float, float]:
         loop = loop_of(law, law.parameters({**law.options, **options}, context), config.orbit.radius_m, V)
-        most_s = loop.dead_time_s(lag_s)
-        return max(lag_s / loop.lag_s(), late_s / most_s if most_s > 0.0 else inf), loop.lag_s(), most_s
+        borne_s, most_s = max(loop.lag_s(), 0.0), loop.dead_time_s(lag_s)
+        used = (lag_s / borne_s if borne_s > 0.0 else inf, late_s / most_s if most_s > 0.0 else inf)
+        return max(used), borne_s, most_s
 
     used, borne_s, beside_s = share(config.law.options)
     text = (

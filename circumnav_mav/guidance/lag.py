@@ -22,7 +22,7 @@ from circumnav_mav.guidance.kernel import Estimate, Law
 STEP = 1e-5
 """Of the differences, as a share of the radius, of 1 rad and of V / r_a."""
 
-NEAREST, FARTHEST, RATIO = 1e-6, 1e9, 1.005
+NEAREST, FARTHEST, RATIO = 1e-6, 1e9, 1.02
 """Angular frequencies that are looked at for crossings: so far above V / r_a, in V / r_a, and each so many times as far
 as the one before. A loop that is still above 1 at the end bears no dead time that anything could keep."""
 
@@ -46,14 +46,24 @@ class Loop:
         if lag_s >= self.lag_s():
             return 0.0
         least = 0.0 if lag_s <= 0.0 and abs(self.k_u) >= 1.0 else inf  # it answers the turn it hears of with more of it
-        far, before = NEAREST, inf
+        far, above = NEAREST, True
         while far < FARTHEST:
-            w = (1.0 + far) * self.omega
-            now = abs(gain := self._gain(w, lag_s))
-            if (before - 1.0) * (now - 1.0) < 0.0:
-                least = min(least, phase(gain) % (2.0 * pi) / w)
-            before, far = now, RATIO * far
-        return 0.0 if before > 1.0 else least
+            if (abs(self._gain((1.0 + far) * self.omega, lag_s)) > 1.0) is not above:
+                w, above = self._crossing(far / RATIO, far, lag_s), not above
+                least = min(least, phase(self._gain(w, lag_s)) % (2.0 * pi) / w)
+            far *= RATIO
+        return 0.0 if above else least
+
+    def _crossing(self, low: float, high: float, lag_s: float) -> float:
+        """Return the angular frequency between two (as NEAREST counts) at which |G| passes 1, by bisection."""
+        above = abs(self._gain((1.0 + low) * self.omega, lag_s)) > 1.0
+        for _ in range(30):
+            middle = 0.5 * (low + high)
+            if (abs(self._gain((1.0 + middle) * self.omega, lag_s)) > 1.0) is above:
+                low = middle
+            else:
+                high = middle
+        return (1.0 + low) * self.omega
 
     def _gain(self, w: float, lag_s: float) -> complex:
         answer = self.k_u + (self.k_r * self.V + 1j * w * self.k_theta) / (self.omega**2 - w * w)

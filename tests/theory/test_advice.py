@@ -1,5 +1,7 @@
 """What `check` advises beside the gain: slant ranges, old ranges, and vehicles that drift."""
 
+import json
+import re
 from dataclasses import replace
 from math import hypot
 
@@ -7,8 +9,10 @@ import pytest
 
 from circumnav_mav.check import findings
 from circumnav_mav.config import Config
-from circumnav_mav.guidance.estimators import direct
+from circumnav_mav.config_file import ConfigError, parse
+from circumnav_mav.guidance.estimators import ESTIMATORS, direct
 from circumnav_mav.guidance.kernel import RESTARTED, EstimatorContext, Memory, Moved, Reading
+from circumnav_mav.guidance.laws import LAWS
 from circumnav_mav.guidance.slant import level
 from circumnav_mav.guidance.verdict import LOSES_IN
 from circumnav_mav.mavlink.vehicles import VEHICLES
@@ -163,6 +167,60 @@ def test_check_says_which_hand_overs_a_class_without_a_position_cannot_have():
     texts = told(**alone, **asked)
     assert [text.split(":")[0] for text in texts] == ["on_range_lost", "safety.on_battery_low"]
     assert all("needs a position" in text for text in texts)
+
+
+HOSTILE = (1e-300, 1e-6, 1e9, 1e300)
+NUMBERS = {
+    "orbit": ("radius_m", "speed_m_s", "height_m", "r_min_m", "r_max_m"),
+    "limits": ("turn_rate_rad_s", "turn_accel_rad_s2"),
+    "study": ("wind_m_s", "range_rate_hz", "turn_lag_s"),
+    "ranging": ("sigma_m", "max_age_s", "latency_s", "target_height_m"),
+}
+
+
+@pytest.mark.parametrize("kind", ["px4_fixed_wing"])
+@pytest.mark.parametrize("law", LAWS)
+def test_no_number_that_a_file_can_hold_is_more_than_check_can_bear(kind, law):
+    """Each number of a file in turn, at sizes that end floating-point arithmetic: a fault in words, or findings."""
+    estimator = "drift" if law == "tangent" else "direct"
+    numbers = NUMBERS | {"law": LAWS[law].options, "estimator": ESTIMATORS[estimator].options}
+    base = {"vehicle": {"class": kind}, "law": {"name": law}, "estimator": {"name": estimator}}
+    for section, keys in numbers.items():
+        for key in keys:
+            for value in HOSTILE:
+                text = json.dumps(base | {section: base.get(section, {}) | {key: value}})
+                try:
+                    config = parse(text)
+                except ConfigError as error:
+                    assert value not in (1e-300, 1e300) or any(key in fault.path for fault in error.faults)
+                    continue
+                assert 1e-6 <= value <= 1e9
+                assert not [f.text for f in findings(config) if " nan " in f.text]
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (
+            "estimator: {name: direct, accel_m_s2: 1.0e-300}",
+            "estimator.accel_m_s2: must be 0, or between 1e-06 and 1e+09",
+        ),
+        ("orbit: {radius_m: 1.0e+300}", "orbit.radius_m: must be 0, or between"),
+        ("orbit: {radius_m: 1.0e+6}", "orbit.radius_m: input should be less than or equal to 100000"),
+        ("orbit: {speed_m_s: 2000}", "orbit.speed_m_s: input should be less than or equal to 1000"),
+        ("law: {kappa: 1.0e+308}", "law.kappa: must be 0, or between"),
+        ("law: {name: pd_bias, damping: 1.0e-200}", "law.damping: must be 0, or between"),
+    ],
+)
+def test_a_number_that_is_no_size_for_a_flight_is_a_fault_in_words(text, words):
+    with pytest.raises(ConfigError, match=re.escape(words)):
+        parse(text)
+
+
+def test_a_law_that_is_all_jump_is_an_error_not_a_crash():
+    """So short a run-in leaves no slope: the command is at its limit a hair beside the circle."""
+    found = check(vehicle={"class": "px4_fixed_wing"}, law={"name": "tangent", "reach_s": 1e-6})["lag"]
+    assert found.severity == "error"
 
 
 RAW = {"estimator": {"name": "raw"}, "orbit": {"radius_m": 50.0, "speed_m_s": 5.0}, "law": {"name": "hashemi2013"}}
