@@ -418,12 +418,10 @@ class Flight:
             turn_rate = self._sent_rad_s
         heading = ap.heading_rad(now_s)
         if self._believed is not None:
-            speed, heading = self._believed.speed_m_s, heading - self._believed.slip_rad
-        elif self._vehicle.speed == "ground":
-            speed = ap.ground_speed_m_s(now_s)
-        else:
-            speed = ap.true_airspeed_m_s(now_s)
-        return Motion(V=speed, u=turn_rate, psi=heading)
+            return Motion(self._believed.speed_m_s, turn_rate, heading - self._believed.slip_rad)
+        if self._vehicle.speed == "ground":
+            return Motion(ap.ground_speed_m_s(now_s), turn_rate, heading, *ap.body_velocity_m_s(now_s))
+        return Motion(ap.true_airspeed_m_s(now_s), turn_rate, heading)
 
     def _state(self, now_s: float) -> VehicleState:
         """What the encoder may know: with an airspeed that is believed where none is measured."""

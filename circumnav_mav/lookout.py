@@ -54,11 +54,12 @@ class Lookout:
     def _follow(self, now_s: float) -> str:
         """Keep time, laps and the estimator's restarts while engaged; return what it has just done, or nothing.
 
-        A restart that it took back does not count: echoes had outvoted it, and it knows better.
+        A restart that it took back does not count: echoes had outvoted it, or the flight was led by what was wrong.
         """
         phase, computer = self._computer.phase, self._computer
         restarted = phase in ENGAGED and computer.restarts > self._restarts
         returned = phase in ENGAGED and computer.returns > self._returns
+        taken_back = max(0, self._restarts - computer.restarts) + returned
         self._restarts, self._returns = computer.restarts, computer.returns
         if phase not in ENGAGED:
             self._engaged_s, self._turned_rad = nan, 0.0
@@ -70,7 +71,7 @@ class Lookout:
             self._turned_rad += turn_rate * (now_s - self._last_s)
         if restarted:
             self._restarts_s.append(now_s)
-        if returned and self._restarts_s:
+        for _ in range(min(taken_back, len(self._restarts_s))):
             self._restarts_s.pop()
         while self._restarts_s and now_s - self._restarts_s[0] > MINUTE_S:
             self._restarts_s.popleft()

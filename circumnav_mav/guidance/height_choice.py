@@ -9,6 +9,9 @@ A range clearly shorter than the height cannot be slant.
 Until the sum speaks clearly for the other, ranges are flown on as slant: where they are not, the aircraft is farther
 from the target than it believes, and so on the safe side. Once one of the two is beyond doubt it flies alone; where it
 has to start again later, so does the other.
+
+A flight that the wrong one leads turns hard and often, and ranges that are late may then outvote the right one as well.
+That does not tell whether it can be flown on: such restarts are taken back once it flies alone.
 """
 
 from __future__ import annotations
@@ -53,6 +56,7 @@ class HeightChoice:
         self._build = build
         self._tried = {SLANT: build(), LEVEL: build()}
         self._before = dict.fromkeys(WORDS, 0)  # their restarts when this round began
+        self._led = SLANT  # what this round began with
         self._earlier_restarts = 0  # those that counted in the rounds before
         self._earlier_returns = 0  # of those that are dropped
         self._news: list[str] = []
@@ -76,7 +80,10 @@ class HeightChoice:
 
     @property
     def restarts(self) -> int:
-        """Times that the ranges outvoted every belief there is: the wrong one of the two may restart as it likes."""
+        """Times that the ranges outvoted every belief there is: the wrong one of the two may restart as it likes.
+
+        It falls when those of a round that the wrong one led are taken back.
+        """
         return self._earlier_restarts + min(self._restarts_of(way) for way in self._tried)
 
     @property
@@ -123,6 +130,7 @@ class HeightChoice:
             self._tried[other] = self._build()
             use(self._tried[other], readings[other], motion)
             self._before = {self.taken: self._tried[self.taken].restarts, other: 0}
+            self._led = self.taken
             self.for_level = AGAIN if self.taken == LEVEL else -AGAIN
             self._news.append(
                 f"ranges taken as {self.taken} no longer fit the flight: horizontal and slant are both tried again"
@@ -137,7 +145,9 @@ class HeightChoice:
             self.taken = likelier
             self._news.append(WORDS[likelier])
         if abs(self.for_level) >= DROP:
-            self._earlier_restarts = self.restarts - self._restarts_of(likelier)
+            if likelier == self._led:
+                self._earlier_restarts = self.restarts
+            self._before[likelier] = self._tried[likelier].restarts
             self._earlier_returns += self._tried[OTHER[likelier]].returns
             self._tried = {likelier: self._tried[likelier]}
             self._news.append(f"{WORDS[likelier]}: beyond doubt")

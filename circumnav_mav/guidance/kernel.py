@@ -23,6 +23,8 @@ class Motion(NamedTuple):
     V: float = NAN  # speed the law uses: ground speed (multirotor) or true airspeed (plane), m/s
     u: float = NAN  # turn rate flown (measured yaw rate, else the last command), rad/s, + counter-clockwise
     psi: float = NAN  # heading, rad, counter-clockwise from east; NaN without a compass
+    ahead: float = NAN  # velocity at this moment in the axes of the heading, m/s; NaN: V straight ahead
+    left: float = NAN
 
 
 class Estimate(NamedTuple):

@@ -34,9 +34,12 @@ def onward(place: Place, t_s: float, motion: Motion) -> Place:
             north = motion.psi - (place.heading + turn)
         else:
             turn = (motion.psi - place.heading - north + pi) % (2.0 * pi) - pi
-    chord = motion.V * dt * sinc(0.5 * turn)
-    course = place.heading + 0.5 * turn
-    return Place(t_s, place.x + chord * cos(course), place.y + chord * sin(course), place.heading + turn, north)
+    measured = not (isnan(motion.ahead) or isnan(motion.left))
+    chord = dt * sinc(0.5 * turn)
+    ahead, left = (motion.ahead * chord, motion.left * chord) if measured else (motion.V * chord, 0.0)
+    middle = place.heading + 0.5 * turn
+    c, s = cos(middle), sin(middle)
+    return Place(t_s, place.x + ahead * c - left * s, place.y + ahead * s + left * c, place.heading + turn, north)
 
 
 def between(a: Place, b: Place, motion: Motion) -> Moved:
@@ -48,10 +51,14 @@ def between(a: Place, b: Place, motion: Motion) -> Moved:
 
 
 class Trail:
-    """The last `span_s` seconds of dead reckoning."""
+    """The last `span_s` seconds of dead reckoning.
 
-    def __init__(self, span_s: float, speed_m_s: float) -> None:
-        self._span_s = span_s
+    slips: take the velocity where it is measured, which need not point along the heading. To an estimator whose state
+    is an angle to the heading it does, for its rate is V cos of that angle.
+    """
+
+    def __init__(self, span_s: float, speed_m_s: float, *, slips: bool = True) -> None:
+        self._span_s, self._slips = span_s, slips
         self._places: deque[Place] = deque()
         self._motion = Motion(V=speed_m_s, u=0.0)
 
@@ -60,10 +67,13 @@ class Trail:
 
     def known(self, motion: Motion) -> Motion:
         """Return the motion with the last known speed and turn rate where a sensor is silent."""
+        if not self._slips and not isnan(motion.ahead):
+            motion = Motion(motion.V, motion.u, motion.psi)
         if not (isnan(motion.V) or isnan(motion.u)):
             return motion
         last = self._motion
-        return Motion(last.V if isnan(motion.V) else motion.V, last.u if isnan(motion.u) else motion.u, motion.psi)
+        V, u = last.V if isnan(motion.V) else motion.V, last.u if isnan(motion.u) else motion.u
+        return Motion(V, u, motion.psi, motion.ahead, motion.left)
 
     def advance(self, now_s: float, motion: Motion) -> None:
         """Add the motion flown since the last call. Time that does not go on adds nothing."""

@@ -78,6 +78,8 @@ class Autopilot:
         self.roll_rad = self.pitch_rad = self.yaw_rad = self.yaw_rate_rad_s = nan
         """MAVLink's own signs: yaw clockwise from north; the rate is the heading's, + clockwise."""
         self.velocity_s = nan
+        self.velocity = (nan, nan)
+        """North and east [m/s], as it came."""
         self.speed_m_s = nan
         """Ground speed, low-passed."""
         self.climb_m_s = self.climb_s = nan
@@ -192,6 +194,7 @@ class Autopilot:
     def _local_position(self, fields: Any, now_s: float) -> None:
         if not sane(fields.x, fields.y, fields.z, fields.vx, fields.vy, fields.vz):
             return
+        self.velocity = (fields.vx, fields.vy)
         speed = hypot(fields.vx, fields.vy)
         elapsed = now_s - self.velocity_s
         if elapsed < SPEED_TIME_CONSTANT_S:
@@ -278,6 +281,17 @@ class Autopilot:
     def ground_speed_m_s(self, now_s: float, within_s: float = 1.0) -> float:
         """Return the low-passed ground speed; NaN where none was heard for `within_s`."""
         return self.speed_m_s if now_s - self.velocity_s <= within_s else nan
+
+    def body_velocity_m_s(self, now_s: float, within_s: float = 0.5) -> tuple[float, float]:
+        """Return the velocity over the ground ahead and to the left, as it came; NaN where it or the heading is older.
+
+        While a multirotor gathers way or turns hard it is neither the low-passed speed nor straight ahead.
+        """
+        if not (now_s - self.velocity_s <= within_s and now_s - self.attitude_s <= within_s):
+            return nan, nan
+        north, east = self.velocity
+        c, s = cos(self.yaw_rad), sin(self.yaw_rad)
+        return north * c + east * s, north * s - east * c
 
     def state(self, now_s: float) -> VehicleState:
         """Return what an encoder may know at `now_s`."""

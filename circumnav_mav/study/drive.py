@@ -10,7 +10,7 @@ from collections.abc import Callable
 from math import hypot, nan
 from typing import Any, NamedTuple
 
-from circumnav_mav.guidance.kernel import Memory, Motion, Reading
+from circumnav_mav.guidance.kernel import NAN, Memory, Motion, Reading
 from circumnav_mav.guidance.trail import Place, between, onward
 from circumnav_mav.study.noise import Floats
 from circumnav_mav.study.plant import Plant, World, airspeed, fly, limited, range_and_rate
@@ -84,7 +84,8 @@ def drive(
     for n in range(setup.steps):
         t = world.t
         psi = world.psi + setup.heading_error + setup.heading_drift * t
-        motion = Motion(setup.believed * airspeed(t, plant), world.u, psi)
+        # All five: numba does not know the defaults of a NamedTuple.
+        motion = Motion(setup.believed * airspeed(t, plant), world.u, psi, NAN, NAN)
         place = onward(place, t, motion)
         if n == 0:
             anchor = place

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import os
+import random
 
 import pytest
 
@@ -11,6 +13,7 @@ from circumnav_mav.guidance.laws import LAWS
 from tests.app.test_table import keep_the_rules
 from tests.lockstep import Rig, airborne, config
 
+SEED = int(os.environ.get("SOAK_SEED", "1"))
 SWITCHING = {"sliding_mode", "cao2013_saturated"}
 """Laws that throw the turn rate from limit to limit: behind a vehicle's lag they weave about the circle by metres."""
 
@@ -63,6 +66,41 @@ def test_the_target_is_put_on_the_map_where_it_is(estimator, direction):
     ap = rig.flight.link.autopilot
     assert (lat - ap.lat_deg) * 60 * 1852 == pytest.approx(tick.target_north_m, abs=1.0)
     assert (lon - ap.lon_deg) * 60 * 1852 * math.cos(math.radians(lat)) == pytest.approx(tick.target_east_m, abs=1.0)
+
+
+@pytest.mark.parametrize(("distance_m", "bearing_rad"), [(72.0, 0.6), (150.0, 2.6)])
+def test_the_uncertainty_on_the_map_is_true_from_the_first_metre_on(distance_m, bearing_rad):
+    """The start from hover, in which the vehicle gathers way and turns, included."""
+    off = sigmas_off(distance_m, bearing_rad, seed=3)
+    assert max(off) < 5.0
+    assert rms(off) < 2.5
+
+
+@pytest.mark.soak
+def test_over_many_flights_the_uncertainty_on_the_map_is_that_of_the_error():
+    rng = random.Random(SEED)
+    flights = [sigmas_off(rng.uniform(60.0, 220.0), rng.uniform(-3.1, 3.1), seed) for seed in range(1, 21)]
+    assert 0.5 < rms([rms(off) for off in flights]) < 1.5
+
+
+def rms(values):
+    return math.sqrt(sum(value * value for value in values) / len(values))
+
+
+def sigmas_off(distance_m, bearing_rad, seed):
+    """Return the error of the place in sigmas at every tick at which that is said to be known to a tenth of the range:
+    from there on the field guide trusts it.
+    """
+    app = config(estimator={"name": "drift"}, law={"name": "tangent"})
+    rig = Rig(app, airborne(distance_m=distance_m, bearing_rad=bearing_rad, seed=seed)).engage()
+    rig.run(50.0)
+    off = []
+    for tick, truth in zip(rig.log.ticks, rig.log.truth, strict=True):
+        if tick.target_sigma_m < 0.1 * distance_m:
+            east, north = truth.beacon_east_m - truth.east_m, truth.beacon_north_m - truth.north_m
+            off.append(math.hypot(tick.target_east_m - east, tick.target_north_m - north) / tick.target_sigma_m)
+    assert len(off) > 20 * 50
+    return off
 
 
 @pytest.mark.parametrize(("estimator", "moves"), [("polar", 0.0), ("drift", 1.0)])

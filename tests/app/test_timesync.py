@@ -202,17 +202,19 @@ class LateRanges(Wire):
         return out
 
 
-def late_flight(stamped_by: str, seed: int, late: bool = True) -> tuple[float, float]:
+def late_flight(
+    stamped_by: str, seed: int, late: bool = True, target_height_m: str | None = None
+) -> tuple[float, float]:
     """A plane in wind whose radio takes 0.4 s and up to 0.09 s more; return rms of orbit error and of the place [m].
 
-    late: False for a radio that takes no time.
+    late: False for a radio that takes no time. target_height_m: the beacon is as high as the plane; None says so.
     """
     world = {"airframe": "fixed_wing", "start_speed_m_s": 12.0, "height_m": 100.0}
     radio = {"range_latency_s": 0.4 if late else 0.0, "range_sigma_m": 0.5}
     rig = Rig(
         config(
             vehicle={"class": "px4_fixed_wing"},
-            ranging={"sigma_m": 0.5, "stamped_by": stamped_by, "target_height_m": None},
+            ranging={"sigma_m": 0.5, "stamped_by": stamped_by, "target_height_m": target_height_m},
         ),
         airborne(distance_m=240.0, wind_north_m_s=4.0, seed=seed, **world, **radio),
         Wires(LateRanges(seed) if late else Wire(), Wire()),

@@ -38,7 +38,7 @@ def test_drift_predicts_as_the_matrix_equations_do():
         F[0, 2] = F[1, 3] = -dt
         F[0, 4], F[1, 4] = -dx, -dy
         Q = np.diag([par.q_p, par.q_p, par.q_w, par.q_w, par.q_s]) * dt
-        got, state = matrix(drift_gaussian.predict(h, dx, dy, dt, par))
+        got, state = matrix(drift_gaussian.predict(h, dx, dy, dt, par.q_p, par))
         assert got == pytest.approx(F @ P @ F.T + Q, rel=1e-9, abs=1e-9)
         assert state == pytest.approx(F @ mean - np.array([dx, dy, 0, 0, 0]), rel=1e-9)
 
@@ -182,7 +182,7 @@ def test_drift_knows_how_wrong_it_is():
                 nis.append(mem.nis)
             moved = world.step()
         calm = max((h for h in bank if h.stir == 1.0), key=lambda h: h.log_weight)
-        P, mean = matrix(drift_gaussian.predict(calm, *displacement(moved), moved.dt, par))
+        P, mean = matrix(drift_gaussian.predict(calm, *displacement(moved), moved.dt, par.q_p, par))
         bearing = math.atan2(mean[1], mean[0])
         swing = math.remainder(math.atan2(world.p[1], world.p[0]) - bearing, 2 * math.pi)
         local = np.array([np.hypot(*world.p) - np.hypot(*mean[:2]), swing * np.hypot(*mean[:2])])

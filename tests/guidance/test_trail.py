@@ -31,6 +31,25 @@ def test_a_circle_flown_is_a_circle_reckoned(compass):
         assert math.remainder(moved.psi - now.psi, 2 * math.pi) == pytest.approx(0.0, abs=1e-9)
 
 
+def test_a_velocity_that_is_measured_moves_the_vehicle_whatever_the_heading_does():
+    """It flies straight and slower than V while it turns on the spot."""
+    trail = Trail(5.0, 4.0)
+    for n in range(201):
+        t, psi = n / 50, 0.3 + 0.5 * n / 50
+        along = 0.4 - psi  # the velocity points where psi was 0.4
+        trail.advance(t, Motion(4.0, 0.5, psi, 3.0 * math.cos(along), 3.0 * math.sin(along)))
+    moved = trail.between(trail.at(1.0, Motion()), trail.at(3.0, Motion()), Motion())
+    along = 0.4 - (0.3 + 0.5 * 1.0)
+    assert moved.ahead == pytest.approx(6.0 * math.cos(along), abs=0.05)  # a step of 20 ms turns it by 0.01 rad
+    assert moved.left == pytest.approx(6.0 * math.sin(along), abs=0.05)
+    assert moved.turn == pytest.approx(1.0)
+    straight = Trail(5.0, 4.0, slips=False)
+    straight.advance(0.0, Motion(4.0, 0.0, 0.3, 1.0, 2.0))
+    straight.advance(1.0, Motion(4.0, 0.0, 0.3, 1.0, 2.0))
+    moved = straight.between(straight.at(0.0, Motion()), straight.at(1.0, Motion()), Motion())
+    assert (moved.ahead, moved.left) == pytest.approx((4.0, 0.0))
+
+
 def test_silent_sensors_keep_their_last_value_and_the_compass_is_reckoned():
     trail = Trail(5.0, 4.0)
     trail.advance(0.0, Motion(4.0, 0.1, 1.0))

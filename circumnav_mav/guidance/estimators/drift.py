@@ -59,6 +59,10 @@ STIRS = (1.0, 30.0, 900.0)
 flown, and the readings say which it is."""
 
 
+SLOW_SHARE, LATE_S, GATHERS_S = 0.7, 0.05, 1.0
+"""Below this share of the nominal speed a vehicle gathers way. It takes about so long, and is told so late."""
+
+
 def begin(par: Parameters) -> list[Drift]:
     """Return an empty bank."""
     bank = [ring_member(0.0, 0.0, 1.0, par, 0.0)]
@@ -157,7 +161,7 @@ def observe(bank: list[Drift], mem: Memory, m: Moved, z: Reading, par: Parameter
     if isnan(m.psi) or not isnan(after.shelf_s):  # nothing to carry it by; or a newer one is on the shelf
         return after
     dx, dy = displacement(m)
-    h = predict(h, dx, dy, m.dt, par)
+    h = predict(h, dx, dy, m.dt, stray(m, par), par)
     sigma_r = par.sigma_r if isnan(z.sigma_r) else z.sigma_r
     used, nis = use_range(h, z.r, sigma_r * sigma_r, par.gate)
     after = compared(after, mem, m.dt, z.r - hypot(h.px, h.py), nis, par.gate, 2.0 * par.gate * sigma_r)
@@ -167,6 +171,11 @@ def observe(bank: list[Drift], mem: Memory, m: Moved, z: Reading, par: Parameter
     elif not isnan(after.shelf_s):
         bank.append(h)
     return after
+
+
+def stray(m: Moved, par: Parameters) -> float:
+    """Return the density of the noise of the reckoning, m^2/s: a vehicle that gathers way is told of it late."""
+    return par.q_p if m.V > SLOW_SHARE * par.V else max(par.q_p, (LATE_S * par.V) ** 2 / GATHERS_S)
 
 
 def displacement(m: Moved) -> tuple[float, float]:
@@ -183,9 +192,9 @@ def follow(bank: list[Drift], mem: Memory, m: Moved, z: Reading, par: Parameters
     if len(bank) == 0 or isnan(m.psi):  # without a heading, a displacement has no direction
         seed(bank, z, par, variance, 0.0)
         return remember(mem, m.dt, nan, 0.0 if isnan(m.psi) else 1.0, 1.0)
-    dx, dy = displacement(m)
+    (dx, dy), q_p = displacement(m), stray(m, par)
     for i in range(len(bank)):
-        bank[i] = predict(bank[i], dx, dy, m.dt, par)
+        bank[i] = predict(bank[i], dx, dy, m.dt, q_p, par)
     split(bank)
     used, nis = [], []
     for h in bank:

@@ -54,8 +54,11 @@ class Drift(NamedTuple):
     log_weight: float
 
 
-def predict(h: Drift, dx: float, dy: float, dt: float, par: Parameters) -> Drift:
-    """Return the hypothesis after the reckoned displacement (dx, dy) in dt. Exact: the motion is linear."""
+def predict(h: Drift, dx: float, dy: float, dt: float, q_p: float, par: Parameters) -> Drift:
+    """Return the hypothesis after the reckoned displacement (dx, dy) in dt. Exact: the motion is linear.
+
+    q_p: density of the noise that drives p, m^2/s.
+    """
     px, py, wx, wy, s, xx, xy, xu, xv, xs, yy, yu, yv, ys, uu, uv, us, vv, vs, ss, stir, log_weight = h
     # cov(p') = cov(p - s d - w dt), the cross terms first
     xu1, xv1, xs1 = xu - dx * us - dt * uu, xv - dx * vs - dt * uv, xs - dx * ss - dt * us
@@ -67,12 +70,12 @@ def predict(h: Drift, dx: float, dy: float, dt: float, par: Parameters) -> Drift
         wx,
         wy,
         s,
-        xx - dx * (xs + xs1) - dt * (xu + xu1) + par.q_p * dt,
+        xx - dx * (xs + xs1) - dt * (xu + xu1) + q_p * dt,
         xy - dy * xs - dt * xv - dx * ys1 - dt * yu1,
         xu1,
         xv1,
         xs1,
-        yy - dy * (ys + ys1) - dt * (yv + yv1) + par.q_p * dt,
+        yy - dy * (ys + ys1) - dt * (yv + yv1) + q_p * dt,
         yu1,
         yv1,
         ys1,

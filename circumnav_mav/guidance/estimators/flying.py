@@ -48,7 +48,7 @@ class FlyingEstimator:
         """Know nothing again."""
         self._bank = self._kernels.begin(self._par)
         self._mem = Memory()
-        self._trail = Trail(TRAIL_S, self._speed_m_s)
+        self._trail = Trail(TRAIL_S, self._speed_m_s, slips="heading" in self.needs)
         self._anchor: Place | None = None  # where the bank stands
         self.noise = NoiseMeter()
         self.restarts = 0  # times the readings outvoted the belief since the reset

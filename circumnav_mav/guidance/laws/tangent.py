@@ -27,8 +27,8 @@ ROOM = 0.8
 LONG_TURN, HALF_TURN = 1.0, 2.6
 """Heading errors, rad, above which the side of the turn is chosen, and above which the turn under way decides it."""
 
-NEAR, WORTH = 0.4, 0.2
-"""Shares of r_a: a turn that would pass nearer is given up for the other one, if that stays farther off by so much."""
+NEAR = 0.4
+"""Share of r_a: a turn that would pass nearer is given up for the other one, if that is better by what it costs."""
 
 UNDER_WAY = 0.2
 """Share of the turn-rate limit from which on a turn counts as under way."""
@@ -105,18 +105,22 @@ def turned(error: float, est: Estimate, par: Parameters) -> float:
 def held(vx: float, vy: float, est: Estimate, par: Parameters) -> bool:
     """Return whether the turn under way is held, whichever side the target is now said to lie on.
 
-    Inside the circle and on a course that would pass the target within r_min: judged by range and range rate, which all
-    hypotheses share. While two of them, mirror images in the course, take the lead in turns, every change of sides
-    would take the lag back that the last one has paid, and the vehicle would fly straight on to the target. Not held is
-    a turn that would pass near, where the other one, with all it takes to build up, is clearly the better.
+    On a course that would pass the target within r_min, from where the other turn, with all it takes to build up, would
+    not keep r_min: judged by range and range rate, which all hypotheses share. While two of them, mirror images in the
+    course, take the lead in turns, every change of sides would take the lag back that the last one has paid, and the
+    vehicle would fly straight on to the target. Not held is a turn that would pass near, where the other one is better
+    by more than the way that a change costs if it is a mistake: across, and on the mean half the way back.
     """
     ahead, across = est.px * vx + est.py * vy, est.px * vy - est.py * vx
-    inwards = est.r < par.r_a and ahead > 0.0 and abs(across) < par.r_min * hypot(vx, vy)
+    inwards = ahead > 0.0 and abs(across) < par.r_min * hypot(vx, vy)
     if not (inwards and abs(est.u) > UNDER_WAY * par.limit):
         return False
     half, built = (pi if est.u > 0.0 else -pi), min(abs(est.u) / par.limit, 1.0)
+    other = least_range(est, -half, par, par.lag * (1.0 + built))
+    if other > par.r_min:
+        return False
     here = least_range(est, half, par, par.lag * (1.0 - built))
-    return here > NEAR * par.r_a or least_range(est, -half, par, par.lag * (1.0 + built)) < here + WORTH * par.r_a
+    return here > NEAR * par.r_a or other < here + ahead / max(est.r, 1e-3) * par.lag * (2.0 + built)
 
 
 def turn_rate(est: Estimate, par: Parameters) -> float:
