@@ -74,6 +74,17 @@ def test_the_bounds_are_the_closed_forms_where_there_are_some():
     assert prepared("pd_bias")[2].lag_s() == pytest.approx(pd.c1 / pd.c2, rel=1e-3)
     assert prepared("sliding_mode")[2].lag_s() == pytest.approx(R_A / (2.0 * V), rel=1e-3)  # 1 / slope
     assert prepared("hashemi2013")[2].dead_time_s(paper.lag_s()) == 0.0
+    tangent = prepared("tangent")[2]
+    assert tangent.lag_s() == pytest.approx(6.04, rel=0.01)  # Routh on the cubic of docs/guidance_law.md
+    assert tangent.k_u == pytest.approx(-(1.0 + 1.0 / 1.5) * TOLD, rel=0.01)  # -(g + c) tau
+
+
+@pytest.mark.parametrize(("told_s", "borne"), [(0.55, True), (0.65, False)])
+def test_tangent_on_a_vehicle_without_a_lag_bears_no_dead_time_if_told_a_long_one(told_s, borne):
+    """(g + V / reach) tau = 1 at tau = 0.6 s: g tau alone would say 1 s."""
+    law = LAWS["tangent"]
+    loop = loop_of(law, law.parameters(law.options, LawContext(R_A, V, LIMIT, told_s)), R_A, V)
+    assert (loop.dead_time_s() > 0.0) is borne
 
 
 def lag_of(law, **options):
