@@ -1,20 +1,15 @@
-"""Which estimator suits a vehicle, and what the chosen one means for the gain: part of `circumnav check`."""
+"""Which estimator suits a vehicle, what its height means, and who takes over: part of `circumnav check`."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from math import ceil, inf, isnan, nan, sqrt
+from collections.abc import Iterator
+from math import ceil, sqrt
 
 from circumnav_mav.config import Config, guidance_settings
-from circumnav_mav.guidance import sampling
 from circumnav_mav.guidance.barrier import least_room_m
 from circumnav_mav.guidance.computer import band_of
-from circumnav_mav.guidance.lag import loop_of
-from circumnav_mav.guidance.laws import LAWS
-from circumnav_mav.guidance.laws.hashemi2013 import DEFAULT_KAPPA
 from circumnav_mav.guidance.slant import least_level
 from circumnav_mav.guidance.verdict import Finding
-from circumnav_mav.ranging import SOURCES
 
 SUITS = {
     "air": (
@@ -55,66 +50,6 @@ def suits(config: Config) -> Iterator[Finding]:
             f"raise orbit.r_max_m to {ceil(least_m)} m, or leave it out"
         )
         yield Finding("warning", "band", text)
-
-
-GAINS = {
-    "pd_bias": ("kappa", 0.9),
-    "tangent": ("gain_per_s", 0.9),
-    "sliding_mode": ("layer_share", 1.1),
-    "cao2013_saturated": ("layer_share", 1.1),
-}
-"""What calms a law, and the factor of a step of it. The paper's family has a bound of its own (verdict.py)."""
-CALM, MOST_STEPS = 0.5, 40
-"""Share of the dead time borne from where on the circle swings; steps of the gain that a cure is looked for in."""
-
-
-def _time(seconds: float) -> str:
-    return "any time" if seconds == inf else f"{seconds:.3g} s"
-
-
-def bears_lag(config: Config, late_s: float) -> Iterator[Finding]:
-    """Yield how much lag the law bears with its options, taken from its kernel: lag.py.
-
-    late_s: dead time in the loop besides the lag of the turn rate, s. A law with a layer weaves where it is unstable,
-    and stays near the circle: that is a warning. Any other leaves it.
-    """
-    name, lag_s, V = config.law.name, config.turn_lag_s, config.orbit.speed_m_s
-    if config.estimator.name == "raw":
-        late_s += sampling.held_s(1.0 / config.study.range_rate_hz, SOURCES[config.ranging.source].has_rate)
-    law, context = LAWS[name], config.law_context()
-
-    def share(options: Mapping[str, float]) -> tuple[float, float, float]:
-        loop = loop_of(law, law.parameters({**law.options, **options}, context), config.orbit.radius_m, V)
-        borne_s, most_s = max(loop.lag_s(), 0.0), loop.dead_time_s(lag_s)
-        used = (lag_s / borne_s if borne_s > 0.0 else inf, late_s / most_s if most_s > 0.0 else inf)
-        return max(used), borne_s, most_s
-
-    used, borne_s, beside_s = share(config.law.options)
-    text = (
-        f"law {name} as set bears a turn rate that lags by {_time(borne_s)}, or beside the vehicle's lag of "
-        f"{lag_s:.2g} s a dead time of {_time(beside_s)}; here it is {late_s:.2g} s"
-    )
-    if used <= CALM:
-        yield Finding("info", "lag", text)
-        return
-    key, factor = GAINS[name]
-    value = config.law.options.get(key, nan)
-    value = start = (DEFAULT_KAPPA if key == "kappa" else law.options[key]) if isnan(value) else value
-    for _ in range(MOST_STEPS):
-        value *= factor
-        try:
-            calm = share({**config.law.options, key: value})[0] <= CALM
-        except ValueError:
-            break
-        if calm:
-            text += f": {key} {value:.2g} in place of {start:.2g} is calm"
-            break
-    if used < 1.0:
-        yield Finding("warning", "lag", f"the circle will swing: {text}")
-    elif "layer_share" in law.options:
-        yield Finding("warning", "lag", f"the vehicle will weave about the circle: {text}")
-    else:
-        yield Finding("error", "lag", f"the circle is unstable: {text}")
 
 
 STEEP = 1.0 / 3.0

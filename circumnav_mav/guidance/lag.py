@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from cmath import phase
 from dataclasses import dataclass
-from math import cos, inf, pi
+from math import cos, hypot, inf, pi
 from typing import Any
 
 from circumnav_mav.guidance.kernel import Estimate, Law
@@ -53,6 +53,14 @@ class Loop:
                 least = min(least, phase(self._gain(w, lag_s)) % (2.0 * pi) / w)
             far *= RATIO
         return 0.0 if above else least
+
+    def shift_m(self, wind_m_s: float) -> float:
+        """Return how far [m] wind moves the circle, to the first order, for a law on exact range and range rate.
+
+        rho'' - K_theta rho' + (omega^2 - K_r V) rho = 2 W omega sin(chi), chi' = -omega, as in feasibility.orbit_shift.
+        """
+        stiffness = hypot(self.k_r * self.V, self.omega * self.k_theta)
+        return 2.0 * wind_m_s * self.omega / stiffness if stiffness > 0.0 else inf
 
     def _crossing(self, low: float, high: float, lag_s: float) -> float:
         """Return the angular frequency between two (as NEAREST counts) at which |G| passes 1, by bisection."""
