@@ -165,6 +165,12 @@ class Named(BaseModel):
         return dict(self.__pydantic_extra__ or {})
 
 
+def _named(value: Any) -> Any:
+    if isinstance(value, str):
+        raise ValueError(f"write {{name: {value}}}")
+    return value
+
+
 class LawChoice(Named):
     """The guidance law and its gains. Not named: that of the vehicle class."""
 
@@ -230,8 +236,8 @@ class Config(Section):
     vehicle: Vehicle = Vehicle()  # type: ignore[call-arg]
     ranging: Ranging = Ranging()  # type: ignore[call-arg]
     orbit: Orbit = Orbit()
-    law: LawChoice = Field(default=...)
-    estimator: EstimatorChoice = Field(default=...)
+    law: Annotated[LawChoice, BeforeValidator(_named)] = Field(default=...)
+    estimator: Annotated[EstimatorChoice, BeforeValidator(_named)] = Field(default=...)
     limits: Limits = Limits()  # type: ignore[call-arg]
     safety: Safety = Safety()
     loop: Loop = Loop()

@@ -210,9 +210,11 @@ def test_no_number_that_a_file_can_hold_is_more_than_check_can_bear(kind, law):
         ("orbit: {speed_m_s: 2000}", "orbit.speed_m_s: input should be less than or equal to 1000"),
         ("law: {kappa: 1.0e+308}", "law.kappa: must be 0, or between"),
         ("law: {name: pd_bias, damping: 1.0e-200}", "law.damping: must be 0, or between"),
+        ("law: tangent", "law: write {name: tangent}"),
+        ("estimator: polar", "estimator: write {name: polar}"),
     ],
 )
-def test_a_number_that_is_no_size_for_a_flight_is_a_fault_in_words(text, words):
+def test_a_value_that_is_none_for_a_flight_is_a_fault_in_words(text, words):
     with pytest.raises(ConfigError, match=re.escape(words)):
         parse(text)
 
