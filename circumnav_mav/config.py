@@ -26,6 +26,7 @@ from circumnav_mav.guidance.estimators import ESTIMATORS
 from circumnav_mav.guidance.kernel import LawContext
 from circumnav_mav.guidance.laws import LAWS
 from circumnav_mav.guidance.safety import Limits as SafetyLimits
+from circumnav_mav.mavlink.autopilot import AUTOPILOT_COMPONENT
 from circumnav_mav.mavlink.setpoints import SetpointLimits
 from circumnav_mav.mavlink.vehicles import VEHICLES
 from circumnav_mav.mavlink.vehicles.plug import Options, VehicleClass
@@ -294,6 +295,13 @@ class Config(Section):
     def lead_s(self) -> float:
         """How far the velocity runs ahead of the nose: vehicle.lead_s, or what was measured for the class."""
         return self.vehicle_class.lead_s if self.vehicle.lead_s is None else self.vehicle.lead_s
+
+    @property
+    def ranges_of_autopilot(self) -> bool:
+        """Whether ranging.from names the autopilot that is flown, so that it has to be asked for its ranges."""
+        system, component = self.ranging.sender or (0, 0)
+        ours = self.vehicle.system_id in (None, system)
+        return component == AUTOPILOT_COMPONENT and ours and self.ranging.endpoint is None
 
     def encoder_options(self) -> Options:
         """Return what the vehicle class builds its encoder from."""

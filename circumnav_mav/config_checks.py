@@ -14,8 +14,7 @@ from circumnav_mav.guidance.estimators.flying import TRAIL_S
 from circumnav_mav.guidance.laws import LAWS
 from circumnav_mav.mavlink.link import COMPANION_COMPONENT
 from circumnav_mav.ranging import SOURCES, ByteSource, carried
-from circumnav_mav.ranging.plug import Source
-from circumnav_mav.ranging.receiver import check_options
+from circumnav_mav.ranging.plug import Faults, Source
 
 if TYPE_CHECKING:
     from circumnav_mav.config import Config, Ranging
@@ -49,10 +48,10 @@ def cross_checks(config: Config, guidance: GuidanceSettings) -> Iterator[tuple[s
     yield from _estimator_checks(config, guidance)
     if config.ranging.max_age_s * config.loop.rate_hz < 2:
         yield "ranging.max_age_s", "shorter than two ticks of loop.rate_hz: every range would be stale"
-    yield from _age_checks(config.ranging)
+    yield from range_number_checks(config.ranging)
     if config.engage == "auto" and orbit.height_m is None:
         yield "engage", "auto takes off by itself and needs orbit.height_m, the height to climb to"
-    yield from _ranging_checks(config.ranging)
+    yield from range_source_checks(config.ranging)
     if config.ranging.endpoint and endpoint.parse(config.ranging.endpoint) == endpoint.parse(config.vehicle.link):
         yield "ranging.endpoint", "is vehicle.link: leave it out, and ranges are taken from that link"
     yield from _study_checks(config)
@@ -184,7 +183,8 @@ def _study_checks(config: Config) -> Iterator[tuple[str, str]]:
         )
 
 
-def _age_checks(ranging: Ranging) -> Iterator[tuple[str, str]]:
+def range_number_checks(ranging: Ranging) -> Iterator[tuple[str, str]]:
+    """Yield what is wrong between the numbers of the section, whatever the source."""
     if ranging.latency_s >= TRAIL_S:
         yield (
             "ranging.latency_s",
@@ -201,17 +201,22 @@ def _age_checks(ranging: Ranging) -> Iterator[tuple[str, str]]:
             "ranging.coast_s",
             f"{ranging.coast_s:g} s is below max_age_s, {ranging.max_age_s:g} s: both count from the last range",
         )
+    if ranging.min_m is not None and ranging.max_m is not None and ranging.min_m >= ranging.max_m:
+        yield "ranging.min_m", f"{ranging.min_m:g} m is not below ranging.max_m, {ranging.max_m:g} m"
 
 
-def _ranging_checks(ranging: Ranging) -> Iterator[tuple[str, str]]:
+def range_source_checks(ranging: Ranging) -> Iterator[tuple[str, str]]:
+    """Yield what does not go with the source."""
     source = SOURCES[ranging.source]
     own = list(source.options) if isinstance(source, ByteSource) else []
     unknown = [key for key in ranging.options if key not in own]
     known = [*(field.alias or key for key, field in type(ranging).model_fields.items()), *own]
     yield from ((f"ranging.{key}", f"no such key for {source.name}{nearest(key, known)}") for key in unknown)
     if isinstance(source, ByteSource):
-        if not unknown:
-            yield from _option_faults(source, ranging.options)
+        known_options = {key: value for key, value in ranging.options.items() if key in own}
+        for path, words in _option_faults(source, known_options):
+            if path != "ranging.source" or not unknown:  # what is missing may be the key that is misspelt
+                yield path, words
         if ranging.endpoint is None:
             yield (
                 "ranging.endpoint",
@@ -219,8 +224,6 @@ def _ranging_checks(ranging: Ranging) -> Iterator[tuple[str, str]]:
             )
     if ranging.endpoint and endpoint.parse(ranging.endpoint).kind == "file" and source.name != "replay":
         yield "ranging.endpoint", f"a file is read by the source replay, not by {source.name}"
-    if ranging.min_m is not None and ranging.max_m is not None and ranging.min_m >= ranging.max_m:
-        yield "ranging.min_m", f"{ranging.min_m:g} m is not below ranging.max_m, {ranging.max_m:g} m"
     if ranging.beacon_id is not None:
         yield from _beacon_id_faults(ranging.beacon_id, source, ranging.options)
 
@@ -244,10 +247,10 @@ def _beacon_id_faults(beacon_id: int, source: Source, options: dict[str, Any]) -
 def _option_faults(source: Source, options: dict[str, Any]) -> Iterator[tuple[str, str]]:
     """Yield what the source itself says of its options; its words begin with `ranging.KEY` or `ranging:`."""
     try:
-        check_options(source, options)
         if isinstance(source, ByteSource):
             source.decoder(options)
     except ValueError as error:
-        match = re.match(r"ranging(?:\.(\w+))?:? (.*)", str(error), re.DOTALL)
-        key, words = (match[1], match[2]) if match else (None, str(error))
-        yield f"ranging.{key or 'source'}", words
+        for fault in error.faults if isinstance(error, Faults) else (str(error),):
+            match = re.match(r"ranging(?:\.(\w+))?:? (.*)", fault, re.DOTALL)
+            key, words = (match[1], match[2]) if match else (None, fault)
+            yield f"ranging.{key or 'source'}", words

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -9,8 +10,8 @@ from typing import Any, NamedTuple
 import yaml
 from pydantic import BaseModel, ValidationError
 
-from circumnav_mav.config import Config, guidance_settings
-from circumnav_mav.config_checks import cross_checks, nearest
+from circumnav_mav.config import Config, Ranging, guidance_settings
+from circumnav_mav.config_checks import cross_checks, nearest, range_number_checks, range_source_checks
 
 Where = tuple[str | int, ...]
 
@@ -73,6 +74,8 @@ def parse(text: str, file: str = "config") -> Config:
         config = Config.model_validate(data)
     except ValidationError as error:
         faults += [_fault(e, lines) for e in error.errors()]
+        wrong = {str(e["loc"][1]) for e in error.errors() if e["loc"][0] == "ranging" and len(e["loc"]) > 1}
+        faults += [Fault(p, lines.of(tuple(p.split("."))), t) for p, t in _ranging_beside(data.get("ranging"), wrong)]
     if config is not None:
         faults += [
             Fault(p, lines.of(tuple(p.split("."))), t) for p, t in cross_checks(config, guidance_settings(config))
@@ -80,6 +83,20 @@ def parse(text: str, file: str = "config") -> Config:
     if faults or config is None:
         raise ConfigError(file, sorted(faults, key=lambda f: f.line))
     return config
+
+
+def _ranging_beside(section: Any, wrong: set[str]) -> Iterator[tuple[str, str]]:
+    """Yield what is wrong together in the ranging section, as far as it can be told without the keys `wrong` alone."""
+    if not isinstance(section, dict):
+        return
+    try:
+        ranging = Ranging.model_validate({key: value for key, value in section.items() if str(key) not in wrong})
+    except ValidationError:
+        return
+    told = [*range_number_checks(ranging), *(range_source_checks(ranging) if "source" not in wrong else ())]
+    for path, text in told:
+        if not wrong & {path.split(".")[1], *re.findall(r"\w+_\w+", text)}:  # else it may speak of a default
+            yield path, text
 
 
 def _fault(error: Any, lines: _Lines) -> Fault:

@@ -8,9 +8,8 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable
-from math import inf, isfinite, nan
+from math import inf, isfinite, isnan, nan
 
 from circumnav_mav.config import Config, guidance_settings
 from circumnav_mav.config_defaults import told
@@ -21,17 +20,19 @@ from circumnav_mav.guidance.phases import ENGAGED, Phase
 from circumnav_mav.guidance.target import Target, latitude_longitude, locate
 from circumnav_mav.lookout import Lookout
 from circumnav_mav.mavlink.autopilot import VehicleState
-from circumnav_mav.mavlink.codec import Frame
+from circumnav_mav.mavlink.codec import Frame, Packer
 from circumnav_mav.mavlink.engage import AutoEngage, Step
-from circumnav_mav.mavlink.link import AutopilotLink
+from circumnav_mav.mavlink.link import COMPANION_COMPONENT, AutopilotLink
 from circumnav_mav.mavlink.offboard import WITH_AUTHORITY, Control
 from circumnav_mav.mavlink.signing import Signer
+from circumnav_mav.mavlink.streams import RANGES_HZ
 from circumnav_mav.mavlink.vehicles import VEHICLES
 from circumnav_mav.mavlink.vehicles.believed import BelievedSpeed
 from circumnav_mav.mavlink.vehicles.fitness import Fitness, Unfit
 from circumnav_mav.notices import INFO, WARNING, Event, Notices
 from circumnav_mav.range_feed import RangeFeed
-from circumnav_mav.ranging import MessageReceiver
+from circumnav_mav.ranging.plug import Reason
+from circumnav_mav.turned_away import TurnedAway
 from circumnav_mav.types import RangeSample, Rejected
 
 VEHICLE, RANGING = "vehicle", "ranging"
@@ -61,14 +62,16 @@ class Flight:
         vehicle = config.vehicle_class
         self._vehicle, self.words = vehicle, vehicle.words
         subscribed = () if self.ranges.own_link else self.ranges.messages
-        self.link = AutopilotLink(
-            subscribed, vehicle.messages_hz, vehicle.words, signer, system_id=config.vehicle.system_id
-        )
+        wanted_hz = dict(vehicle.messages_hz)
+        if config.ranges_of_autopilot:
+            wanted_hz |= dict.fromkeys(subscribed, RANGES_HZ)
+        self.link = AutopilotLink(subscribed, wanted_hz, vehicle.words, signer, system_id=config.vehicle.system_id)
         self.link.authority.needs_air = vehicle.airframe != "rover"
-        receiver = self.ranges.receiver
-        if isinstance(receiver, MessageReceiver) and config.ranging.use_stamps:
-            self.link.time.wanted = True
-            receiver.clocks = self.link.time.offset
+        self.ranges.follow_clocks(self.link.time)
+        self._to_radio = Packer(config.vehicle.system_id or 1, COMPANION_COMPONENT)
+        """Unsigned, as what comes from there."""
+        self.spoke = False
+        """Whether the last bytes came from whom their link is to speak to: the autopilot, or the sender of ranges."""
         self.computer = GuidanceComputer(guidance_settings(config))
         self.lookout = Lookout(config, self.link.autopilot, self.computer)
         options = config.encoder_options()
@@ -83,7 +86,8 @@ class Flight:
         self.notices = Notices(self.link, lambda frames: self._frames.extend(frames))
         for heading, words in told(config):
             self.notices.tell(0.0, f"{heading}: {words}", INFO)
-        self.rejected: Counter[str] = Counter()
+        self.turned_away = TurnedAway()
+        self.rejected = self.turned_away.total
         self.engaged_s = nan
         self.end_reason = ""
         self.target = Target()
@@ -104,6 +108,7 @@ class Flight:
         """Whether the process was stopped since the last tick began."""
         self._frames: list[bytes] = []
         self._overhead_next_s = nan
+        self._stuck_told = False
         self._r_m = nan
         self._end_action = "hold"
 
@@ -117,11 +122,13 @@ class Flight:
     def receive(self, data: bytes, now_s: float, link: str = VEHICLE, *, whole: bool = True) -> list[Frame]:
         """Take in what arrived on a link at `now_s`; return its frames, for the recorder."""
         if link == RANGING and self.ranges.own_link:
-            self.ranges.on_vehicle(self.link.autopilot.sysid, moving=self._moving())
+            self.ranges.on_vehicle(self.link.autopilot.sysid, moving=self._moving(now_s))
             frames, results = self.ranges.on_bytes(data, now_s, whole=whole)
+            self.spoke = any(isinstance(result, RangeSample) for result in results)
         else:
             frames, messages = self.link.receive(data, now_s, whole=whole)
-            self.ranges.on_vehicle(self.link.autopilot.sysid, moving=self._moving())
+            self.spoke = self.link.autopilot_spoke
+            self.ranges.on_vehicle(self.link.autopilot.sysid, moving=self._moving(now_s))
             results = [] if self.ranges.own_link else self.ranges.on_messages(messages, now_s)
         for result in results:
             self._on_range(result, now_s)
@@ -137,20 +144,32 @@ class Flight:
             rejected = self.computer.on_sample(
                 result, self._motion(now_s), self._height_m(now_s), self._climb_m_s(now_s)
             )
+            self._stuck_told = False
             if rejected is None:
+                self.turned_away.used(now_s, self.ranges.echoes)
                 return
             result = rejected
             if rejected.reason == "overhead" and not now_s < self._overhead_next_s:
                 self._overhead_next_s = now_s + OVERHEAD_S
                 self.notices.say(now_s, f"near overhead, where a range tells nothing: {rejected.detail}", INFO)
-        self._count(result)
+        elif result.reason == Reason.STUCK and not self._stuck_told:
+            self._stuck_told = True
+            words = f"the range is stuck: {result.detail}, and not used until it changes (ranging.stuck_s)"
+            self.notices.say(now_s, words, WARNING)
+        self.turned_away.add(str(result.reason))
 
-    def _moving(self) -> bool:
-        """Whether a range that stands still must be a stuck one: only above a walking speed."""
-        return self.link.autopilot.speed_m_s > MOVING_M_S
+    def _moving(self, now_s: float) -> bool:
+        """Whether a range that stands still must be a stuck one: only above a walking speed, or half of a slower one.
 
-    def _count(self, rejected: Rejected) -> None:
-        self.rejected[str(rejected.reason)] += 1
+        The speed is the one that the class flies by: without a position an autopilot may show 0 m/s over the ground.
+        """
+        ap = self.link.autopilot
+        if self.link.authority.needs_air and ap.in_air is False:  # whatever the wind says to an airspeed sensor
+            return False
+        speed = self._motion(now_s).V
+        if isnan(speed):
+            speed = ap.ground_speed_m_s(now_s)
+        return self._phase in ENGAGED if isnan(speed) else speed > min(MOVING_M_S, self._config.orbit.speed_m_s / 2)
 
     # -- the tick ---------------------------------------------------------------------------------------------------
 
@@ -220,6 +239,11 @@ class Flight:
         frames, self._frames = self._frames, []
         return frames, self._record(now_s, decision, lateness_s, missed_ticks)
 
+    def questions(self, now_s: float) -> list[bytes]:
+        """Return what is to leave now on the radio's own link: TIMESYNC, and never anything else."""
+        self._to_radio.sysid = self.link.autopilot.sysid or self._to_radio.sysid
+        return self.ranges.questions(now_s, self._to_radio)
+
     def link_lost(self, link: str, now_s: float, words: str) -> None:
         """A link broke. On the vehicle's, nothing is sent or believed until a mode message newer than the break."""
         self.notices.tell(now_s, f"{link} link lost: {words}", WARNING)
@@ -234,6 +258,7 @@ class Flight:
         """A link is open again. On the vehicle's the next tick asks for the mode, and sends no setpoint before it."""
         self.notices.tell(now_s, f"{link} link: {words}", INFO)
         if link != VEHICLE:
+            self.ranges.time.forget()
             return
         self._frames.clear()  # what was to be said over the link that broke
         asking = self.link.reconnected(now_s)
@@ -290,6 +315,12 @@ class Flight:
         if phase is Phase.READY and self._auto is not None and self._auto.step is not Step.LEFT_TO_PILOT:
             return self.link.authority.rival_words(self._ticked_s) or self._auto.step.value
         return self._encoder.lacks if phase is Phase.READY else ""
+
+    def why_no_range(self, now_s: float) -> str:
+        """Return why no range is used, as far as can be told, and what to do."""
+        endpoint = self.ranges.endpoint
+        own = self.ranges.why_none(endpoint, now_s) if endpoint is not None else ""
+        return own or self.turned_away.why_none(now_s, self.ranges.echoes, self._config.ranging.max_age_s)
 
     def _status(self, now_s: float) -> Status:
         authority = self.link.authority

@@ -12,13 +12,14 @@ from math import isnan
 
 from circumnav_mav.config import Config
 from circumnav_mav.mavlink.autopilot import AUTOPILOT_COMPONENT
-from circumnav_mav.mavlink.codec import Frame
+from circumnav_mav.mavlink.codec import Frame, Packer
 from circumnav_mav.mavlink.dialect import by_name, enums
-from circumnav_mav.mavlink.link import AutopilotLink
+from circumnav_mav.mavlink.link import COMPANION_COMPONENT, AutopilotLink
 from circumnav_mav.mavlink.signing import Signer
 from circumnav_mav.mavlink.vehicles import VEHICLES
 from circumnav_mav.mavlink.vehicles.fitness import Fitness, Unfit, described
 from circumnav_mav.range_feed import RangeFeed
+from circumnav_mav.range_words import commonest
 from circumnav_mav.settings_check import Finding, Severity, facts, judged
 from circumnav_mav.settings_table import TABLES, asked
 from circumnav_mav.types import RangeSample
@@ -43,6 +44,8 @@ class Audit:
         subscribed = () if self.ranges.own_link else self.ranges.messages
         self.link = AutopilotLink(subscribed, vehicle.messages_hz, words, signer, system_id=config.vehicle.system_id)
         self.link.authority.needs_air = vehicle.airframe != "rover"
+        self.ranges.follow_clocks(self.link.time)
+        self._to_radio = Packer(config.vehicle.system_id or 1, COMPANION_COMPONENT)
         self._fitness = Fitness(vehicle, VEHICLES.values())
         self._counts: Counter[int] = Counter()
         self._sticks = False
@@ -51,10 +54,13 @@ class Audit:
         self._since_s = SETTLE_S
 
     def receive(self, data: bytes, now_s: float, *, ranging: bool = False, whole: bool = True) -> bool:
-        """Take in what arrived at `now_s`, return whether from the autopilot; ranging: on the radio's own link."""
+        """Take in what arrived at `now_s`; return whether it came from whom that link is to speak to.
+
+        ranging: on the radio's own link, which is not signed.
+        """
         frames: list[Frame] = []
         if ranging:
-            _, results = self.ranges.on_bytes(data, now_s, whole=whole, signer=self.link.signer)
+            _, results = self.ranges.on_bytes(data, now_s, whole=whole)
         else:
             frames, messages = self.link.receive(data, now_s, whole=whole)
             self.ranges.on_vehicle(self.link.autopilot.sysid, moving=False)
@@ -68,11 +74,18 @@ class Audit:
                 self._decoys += str(result.reason) in ("wrong_source", "decoy_orientation")
             elif now_s >= self._since_s:
                 self._accepted += 1
-        return self.link.autopilot_spoke and not ranging
+        if ranging:
+            return any(isinstance(result, RangeSample) for result in results)
+        return self.link.autopilot_spoke
 
     def tick(self, now_s: float) -> list[bytes]:
         """Return what is to be sent: heartbeat, requests for streams and parameters. Never a setpoint, never a mode."""
         return self.link.poll(now_s) + self.link.read_parameters(now_s)
+
+    def questions(self, now_s: float) -> list[bytes]:
+        """Return what is to be sent on the radio's own link: TIMESYNC alone."""
+        self._to_radio.sysid = self.link.autopilot.sysid or self._to_radio.sysid
+        return self.ranges.questions(now_s, self._to_radio)
 
     def findings(self, now_s: float) -> list[Finding]:
         """Return the table, gravest first."""
@@ -175,7 +188,12 @@ class Audit:
             yield Finding(Severity.OK, "range", f"{rate_hz:.1f} Hz, {sum(counts.rejected.values())} rejected")
         elif counts.accepted:
             fix = f"the estimate is carried after {ranging.max_age_s:g} s without one: check the radio and its antennas"
-            yield Finding(Severity.WARNING, "range", f"only {rate_hz:.1f} Hz", fix)
+            few = f"only {rate_hz:.1f} Hz"
+            if sum(counts.rejected.values()) > self.ranges.echoes:
+                few += f", {commonest(counts.rejected, self.ranges.echoes)}"
+            elif self.ranges.endpoint is not None and (why := self.ranges.why_none(self.ranges.endpoint, now_s)):
+                few += f"; {why}"
+            yield Finding(Severity.WARNING, "range", few, fix)
         elif self._decoys and self._decoys == sum(counts.rejected.values()):
             yield Finding(
                 Severity.ERROR,
@@ -184,7 +202,7 @@ class Audit:
                 "start the ranging radio; its sender must not be component 1, nor its orientation 25 (down)",
             )
         elif self.ranges.endpoint is not None:
-            yield Finding(Severity.ERROR, "range", self.ranges.why_none(self.ranges.endpoint))
+            yield Finding(Severity.ERROR, "range", self.ranges.why_none(self.ranges.endpoint, now_s))
         elif counts.rejected:
             reason = max(counts.rejected, key=lambda word: counts.rejected[word])
             text = f"none can be used: most are {reason} ({counts.last_detail.get(reason, '')})"

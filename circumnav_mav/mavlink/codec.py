@@ -6,7 +6,7 @@ Any bytes give frames or counts, never an exception. MAVLink 2 throughout; MAVLi
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from struct import Struct
 from typing import Any, NamedTuple
 
@@ -62,6 +62,10 @@ class LinkCounts:
     unknown: int = 0
     bad_crc: int = 0
     rubbish_bytes: int = 0
+
+    def since(self, before: LinkCounts) -> LinkCounts:
+        """Return what came in after these counts were `before`."""
+        return LinkCounts(*(getattr(self, f.name) - getattr(before, f.name) for f in fields(self)))
 
     @property
     def understood(self) -> int:

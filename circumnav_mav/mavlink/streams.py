@@ -33,6 +33,9 @@ ARDUPILOT_HZ: dict[str, float] = {
 }
 """The same with an ArduPilot, which sends little or nothing by itself."""
 
+RANGES_HZ = 20.0
+"""Of an autopilot's own ranges, where they are flown on: one that waits for its turn is old."""
+
 UNWANTED: tuple[str, ...] = (
     "ODOMETRY",
     "HIGHRES_IMU",
@@ -49,7 +52,7 @@ UNWANTED: tuple[str, ...] = (
     "NAV_CONTROLLER_OUTPUT",
     "MISSION_CURRENT",
     "PING",
-    # The autopilot's own: its range finder that looks down, and echoes of the radio's ranges. Never flown on.
+    # The autopilot's own: its range finder that looks down, and echoes of the radio's ranges. Not flown on unasked.
     "DISTANCE_SENSOR",
 )
 """Default streams of PX4's onboard link that nothing here reads: three quarters of its 24 kB/s."""

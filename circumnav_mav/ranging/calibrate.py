@@ -76,10 +76,14 @@ def calibrate(
     )
     half = len(kept_m) // 2
     drift_m = fmean(kept_m[half:]) - fmean(kept_m[:half]) if half >= 2 else 0.0
-    return replace(found, problems=tuple(_problems(found, distance_m, drift_m, resolution_m)))
+    # Each half has twice the variance of the whole, and so their difference four times.
+    # About a line, not about the mean: else a drift would hide in the error that it makes.
+    drift_error_m = max(2.0 * DRIFT_SIGMAS * _standard_error(_about_a_line(kept_m), resolution_m), 2.0 * resolution_m)
+    drifts_m = drift_m if abs(drift_m) > drift_error_m else 0.0
+    return replace(found, problems=tuple(_problems(found, distance_m, drifts_m)))
 
 
-def _problems(found: Calibration, distance_m: float, drift_m: float, resolution_m: float) -> list[str]:
+def _problems(found: Calibration, distance_m: float, drifts_m: float) -> list[str]:
     problems = []
     if found.samples < LEAST_SAMPLES:
         problems.append(_too_few(found.samples))
@@ -93,10 +97,9 @@ def _problems(found: Calibration, distance_m: float, drift_m: float, resolution_
         problems.append(f"ranges spread by {found.spread_m:.2f} m: is everything at rest and in sight?")
     if abs(found.bias_m) > max(5.0, 0.2 * distance_m):
         problems.append(f"a bias of {found.bias_m:.1f} m is no antenna delay: is {distance_m:g} m right?")
-    # Each half has twice the variance of the whole, and so their difference four times.
-    if abs(drift_m) > max(DRIFT_SIGMAS * 2.0 * found.standard_error_m, 2.0 * resolution_m):
-        problems.append(f"ranges drift by {drift_m:+.3f} m between the halves: let the radios warm up, and keep still")
-    if found.standard_error_m > MOST_STANDARD_ERROR_M:
+    if drifts_m:
+        problems.append(f"ranges drift by {drifts_m:+.3f} m between the halves: let the radios warm up, and keep still")
+    elif found.standard_error_m > MOST_STANDARD_ERROR_M:
         problems.append(f"the standard error is above {MOST_STANDARD_ERROR_M:g} m: measure for longer")
     return problems
 
@@ -110,6 +113,14 @@ def _without_outliers(errors_m: Sequence[float], resolution_m: float) -> list[fl
     sigma_m = SIGMA_OF_MAD * median(abs(error_m - middle_m) for error_m in errors_m)
     limit_m = max(OUTLIER_SIGMAS * sigma_m, 1.5 * resolution_m)
     return [error_m for error_m in errors_m if abs(error_m - middle_m) <= limit_m]
+
+
+def _about_a_line(values: Sequence[float]) -> list[float]:
+    """Return what the best line through the values leaves of them."""
+    mean, middle = fmean(values), (len(values) - 1) / 2.0
+    steps = [n - middle for n in range(len(values))]
+    slope = sum(s * value for s, value in zip(steps, values, strict=True)) / (sum(s * s for s in steps) or 1.0)
+    return [value - mean - slope * s for s, value in zip(steps, values, strict=True)]
 
 
 def _deviation(values: Sequence[float]) -> float:

@@ -37,6 +37,7 @@ SOURCE = ByteSource(
     name="dwm1001_les",
     summary="DWM1001 (PANS shell, command les): centimetres, several anchors by hexadecimal id",
     decoder=lambda options: LineDecoder(parse),
+    lines=True,
     resolution_m=0.01,
     carries=frozenset({"beacon_id"}),
     most_beacon_id=TWO_BYTES,

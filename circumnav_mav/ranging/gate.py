@@ -6,19 +6,24 @@ It judges one channel (one beacon of one sensor). Whether a range fits the vehic
 from __future__ import annotations
 
 import math
+from collections import deque
 from dataclasses import dataclass
 
 from circumnav_mav.ranging.plug import NAN, Reading, Reason
 from circumnav_mav.types import RangeSample, Rejected
 
 STUCK_LEAST_REPEATS = 5
+STUCK_S, STUCK_MOST_S = 3.0, 60.0
+"""How long a value may stand in flight, at least and at most, where stuck_s is not given."""
+STANDS, TIMES_LONGER = 20, 10.0
+"""It may stand this many times longer than any of so many values before it."""
 MOST_RATE_M_S = 1000.0
 """A range rate beyond this is no measurement, whatever flies."""
 
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """min_m, max_m, min_quality_pct: NaN = no limit; stuck_s: 0 = never judged.
+    """min_m, max_m, min_quality_pct: NaN = no limit; stuck_s: None = by the values before, 0 = never judged.
 
     most_m: the source's own bound, which a max_m that is given takes the place of.
     """
@@ -28,7 +33,7 @@ class Limits:
     max_m: float = NAN
     most_m: float = NAN
     min_quality_pct: float = NAN
-    stuck_s: float = 0.0
+    stuck_s: float | None = None
 
 
 class Gate:
@@ -42,6 +47,8 @@ class Gate:
         self._same_m = NAN
         self._same_since_s = NAN
         self._same_count = 0
+        self._stuck = False
+        self._stood_s: deque[float] = deque(maxlen=STANDS)
 
     def judge(self, reading: Reading, sample: RangeSample, now_s: float, *, moving: bool = True) -> Rejected | None:
         """Judge `sample`, made of `reading` and arrived at `now_s` [s]; `moving`: the vehicle may be taken to move."""
@@ -112,14 +119,35 @@ class Gate:
         return None
 
     def _judge_stuck(self, reading: Reading, now_s: float, moving: bool) -> Rejected | None:
-        if reading.range_m != self._same_m or not moving:
-            self._same_m, self._same_since_s, self._same_count = reading.range_m, now_s, 0
-            return None
-        self._same_count += 1
-        same_for_s = now_s - self._same_since_s
-        if 0.0 < self._limits.stuck_s < same_for_s and self._same_count >= STUCK_LEAST_REPEATS:
+        """Judge a value that does not change. What is stuck stays so until it does: standing still mends no sensor."""
+        if reading.range_m != self._same_m:
+            if not self._stuck and not math.isnan(self._same_m):
+                self._stood_s.append(now_s - self._same_since_s)
+            self._stuck = False
+            self._same_m = reading.range_m
+        elif moving or self._stuck:
+            self._same_count += 1
+            same_for_s = now_s - self._same_since_s
+            self._stuck = self._stuck or (
+                0.0 < self.may_stand_s < same_for_s and self._same_count >= STUCK_LEAST_REPEATS
+            )
+            if not self._stuck:
+                return None
             return Rejected(now_s, Reason.STUCK, f"{reading.range_m:.3f} m, unchanged for {same_for_s:.1f} s")
+        self._same_since_s, self._same_count = now_s, 0
         return None
+
+    @property
+    def may_stand_s(self) -> float:
+        """How long a value may stand in flight before it is stuck [s]; 0 = for ever.
+
+        Noise changes the range of a radio with every measurement, and motion that of any sensor, so that a value which
+        stands is a fault within seconds. Only a circle flown well keeps the range of a sensor whose noise is less than
+        its steps; and it comes to that by and by, each value standing a little longer than the one before.
+        """
+        if self._limits.stuck_s is not None:
+            return self._limits.stuck_s
+        return min(max(STUCK_S, TIMES_LONGER * max(self._stood_s, default=0.0)), STUCK_MOST_S)
 
 
 def _identity(reading: Reading) -> tuple[float, int | None, float] | None:

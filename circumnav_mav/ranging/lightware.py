@@ -1,6 +1,7 @@
 """LightWare laser range finders (SF02, SF10, SF11, LW20 ...): ASCII lines such as `98.67`, or `?LD 98.67` when asked.
 
-Format: SF11 product manual, appendix "Command set". A lost signal is sent as 130.00 (SF11) or as a negative number.
+The unit (`98.67 m`, `98.67m`) may follow. Format: SF11 product manual, appendix "Command set". A lost signal is sent as
+130.00 (SF11) or as a negative number.
 """
 
 from __future__ import annotations
@@ -13,8 +14,8 @@ from circumnav_mav.ranging.framing import LineDecoder, not_understood
 from circumnav_mav.ranging.plug import ByteDecoder, ByteSource, Reading, Reason, number
 from circumnav_mav.types import Rejected
 
-LINE = re.compile(r"(?:\?LD[ !]?)?(-?\d{1,4}\.\d{1,3})(?: m)?")
-LOST = re.compile(r"-+\.-+(?: m)?")
+LINE = re.compile(r"(?:\?LD[ !]?)?(-?\d{1,4}\.\d{1,3})(?: ?m)?")
+LOST = re.compile(r"-+\.-+(?: ?m)?")
 HALF_STEP_M = 0.005
 
 
@@ -38,6 +39,7 @@ SOURCE = ByteSource(
     name="lightware",
     summary="LightWare laser range finder, ASCII lines: centimetres (older models: 9600 baud)",
     decoder=decoder,
+    lines=True,
     resolution_m=0.01,
     most_m=10_000.0,
     options={"lost_m": "the range that stands for a lost signal, 130.00 as delivered"},

@@ -10,35 +10,48 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from functools import partial
 from typing import Any
 
 from circumnav_mav.ranging.framing import LineDecoder, not_understood
-from circumnav_mav.ranging.plug import FARTHEST_M, NAN, ByteDecoder, ByteSource, Reading, finite, number
+from circumnav_mav.ranging.plug import (
+    FARTHEST_M,
+    NAN,
+    ByteDecoder,
+    ByteSource,
+    Reading,
+    check_all,
+    finite,
+    number,
+    refuse,
+)
 from circumnav_mav.ranging.units import LENGTH, SPEED, TIME
 from circumnav_mav.types import Rejected
 
 FIELDS = ("range", "rate", "sigma", "time", "beacon_id", "quality")
 CARRIED_AS = {"time": "stamp_s", "beacon_id": "beacon_id", "quality": "quality_pct"}
 
+UNITS = {"range_unit": (LENGTH, "m"), "rate_unit": (SPEED, "m/s"), "time_unit": (TIME, "s")}
+"""The tables of the keys that name units, and what stands where a key is not given."""
+NOTHING = r"(?!)"
+
 Extract = Callable[[str], Mapping[str, Any] | None]
 
 
 def decoder(options: Mapping[str, Any]) -> ByteDecoder:
-    extract = _extractor(options)
-    ignore = _regex(options, "ignore") if "ignore" in options else None
-    range_si = _unit(options, "range_unit", LENGTH, "m")
-    rate_si = _unit(options, "rate_unit", SPEED, "m/s")
-    time_si = _unit(options, "time_unit", TIME, "s")
-    wanted = number(options, "id_base", 10, least=2)
-    base = int(wanted)
-    if base > 36:
-        raise ValueError("ranging.id_base must be at most 36")
-    if base != wanted:
-        raise ValueError(f"ranging.id_base is {wanted:g}, but must be a whole number")
+    """Return what reads the lines. Raises Faults, all of them at once."""
+    check_all(
+        lambda: _extractor(options),
+        lambda: _regex(options, "ignore"),
+        lambda: _base(options),
+        *(partial(_unit, options, key) for key in UNITS),
+    )
+    extract, ignore, base = _extractor(options), _regex(options, "ignore"), _base(options)
+    range_si, rate_si, time_si = (_unit(options, key) for key in UNITS)
 
     def parse(line: str, now_s: float) -> list[Reading | Rejected]:
-        if ignore is not None and ignore.search(line):
+        if ignore.search(line):
             return []
         fields = extract(line)
         if fields is None or fields.get("range") is None:
@@ -74,23 +87,31 @@ def _id(value: Any, base: int) -> int:
 
 
 def _extractor(options: Mapping[str, Any]) -> Extract:
-    if ("pattern" in options) == ("json" in options):
+    found = {key: build(options) for key, build in EXTRACTORS.items() if key in options}
+    if len(found) != 1:
         raise ValueError("ranging: the source lines needs either a pattern or json, and not both")
-    if "pattern" in options:
-        pattern = _regex(options, "pattern")
-        _check_fields("pattern", pattern.groupindex)
+    (extract,) = found.values()
+    return extract
 
-        def by_pattern(line: str) -> Mapping[str, Any] | None:
-            match = pattern.search(line)
-            return match.groupdict() if match else None
 
-        return by_pattern
+def _by_pattern(options: Mapping[str, Any]) -> Extract:
+    pattern = _regex(options, "pattern")
+    refuse(_field_faults("pattern", pattern.groupindex))
 
+    def by_pattern(line: str) -> Mapping[str, Any] | None:
+        match = pattern.search(line)
+        return match.groupdict() if match else None
+
+    return by_pattern
+
+
+def _by_json(options: Mapping[str, Any]) -> Extract:
     paths = options["json"]
     if not isinstance(paths, Mapping) or not all(isinstance(path, str) and path for path in paths.values()):
         raise ValueError("ranging.json must map fields to paths, such as {range: data.0.distance}")
-    _check_fields("json", paths)
     steps = {name: path.split(".") for name, path in paths.items()}
+    empty = (f"ranging.json: the path {paths[name]!r} has an empty step" for name in steps if "" in steps[name])
+    refuse([*_field_faults("json", paths), *empty])
 
     def by_path(line: str) -> Mapping[str, Any] | None:
         try:
@@ -100,6 +121,9 @@ def _extractor(options: Mapping[str, Any]) -> Extract:
         return {name: _walk(document, path) for name, path in steps.items()}
 
     return by_path
+
+
+EXTRACTORS: dict[str, Callable[[Mapping[str, Any]], Extract]] = {"pattern": _by_pattern, "json": _by_json}
 
 
 def named(options: Mapping[str, Any]) -> frozenset[str]:
@@ -119,32 +143,44 @@ def _walk(document: Any, path: list[str]) -> Any:
     return document
 
 
-def _check_fields(key: str, names: Mapping[str, Any]) -> None:
-    unknown = sorted(set(names) - set(FIELDS))
+def _field_faults(key: str, names: Mapping[str, Any]) -> Iterator[str]:
+    unknown = sorted(str(name) for name in set(names) - set(FIELDS))
     if unknown:
-        raise ValueError(f"ranging.{key} names {', '.join(unknown)}; the fields are {', '.join(FIELDS)}")
-    if "range" not in names:
-        raise ValueError(f"ranging.{key} does not say where the range is: name a field `range`")
+        yield f"ranging.{key} names {', '.join(unknown)}; the fields are {', '.join(FIELDS)}"
+    elif "range" not in names:
+        yield f"ranging.{key} does not say where the range is: name a field `range`"
 
 
 def _regex(options: Mapping[str, Any], key: str) -> re.Pattern[str]:
+    """Return the expression; where none is given, one that finds nothing."""
     try:
-        return re.compile(str(options[key]))
+        return re.compile(str(options[key]) if key in options else NOTHING)
     except re.error as error:
         raise ValueError(f"ranging.{key} is no regular expression: {error}") from error
 
 
-def _unit(options: Mapping[str, Any], key: str, units: Mapping[str, float], default: str) -> float:
+def _unit(options: Mapping[str, Any], key: str) -> float:
+    units, default = UNITS[key]
     unit = options.get(key, default)
     if not isinstance(unit, str) or unit not in units:
         raise ValueError(f"ranging.{key} is {unit!r}, but must be one of {', '.join(units)}")
     return units[unit]
 
 
+def _base(options: Mapping[str, Any]) -> int:
+    wanted = number(options, "id_base", 10, least=2)
+    if wanted > 36:
+        raise ValueError("ranging.id_base must be at most 36")
+    if int(wanted) != wanted:
+        raise ValueError(f"ranging.id_base is {wanted:g}, but must be a whole number")
+    return int(wanted)
+
+
 SOURCE = ByteSource(
     name="lines",
     summary="any device that sends lines: by a regular expression or JSON paths, with units",
     decoder=decoder,
+    lines=True,
     resolution_m=0.01,
     carries=frozenset({"beacon_id", "quality_pct", "stamp_s"}),
     most_m=FARTHEST_M,

@@ -20,14 +20,15 @@ class Status:
     """The last WINDOW_S in figures; NaN: not known yet.
 
     age_s: since the last range was true; delay_s: mean age of a range when it arrives, NaN where nothing tells (no
-    stamps and no latency_s); jitter_s: standard deviation of the time between arrivals; longest_gap_s: the longest time
-    without one, the current one included; noise_m: standard deviation of one range that its neighbours do not explain;
-    accepted, rejected, details: since the start.
+    stamps and no latency_s); delay_name: what to call that; jitter_s: standard deviation of the time between arrivals;
+    longest_gap_s: the longest time without one, the current one included; noise_m: standard deviation of one range that
+    its neighbours do not explain; accepted, rejected, details: since the start.
     """
 
     rate_hz: float
     age_s: float
     delay_s: float
+    delay_name: str
     jitter_s: float
     longest_gap_s: float
     noise_m: float
@@ -41,6 +42,8 @@ class Monitor:
     """Watches the results of one receiver; `counts` is that receiver's."""
 
     def __init__(self, counts: Counts, start_s: float) -> None:
+        self.whole_delay = True
+        """Whether delay_s is all of the delay: False where a line finds it, which sees only what of it varies."""
         self._counts = counts
         self._start_s = start_s
         self._recent: deque[tuple[float, RangeSample]] = deque(maxlen=MOST_KEPT)  # (arrival, sample)
@@ -63,6 +66,7 @@ class Monitor:
             age_s=now_s - last.t_s if last else nan,
             # Exactly 0 is no delay that was measured: without stamps a range is dated by its arrival.
             delay_s=(fmean(at_s - sample.t_s for at_s, sample in self._recent) or nan) if self._recent else nan,
+            delay_name="delay" if self.whole_delay else "delay, varying part",
             jitter_s=_deviation(gaps),
             longest_gap_s=max([*gaps, now_s - arrivals[-1]]) if arrivals else watched_s,
             noise_m=_noise([sample.range_m for _, sample in self._recent]),

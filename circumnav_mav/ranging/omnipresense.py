@@ -73,6 +73,7 @@ SOURCE = ByteSource(
     name="omnipresense",
     summary="OmniPreSense OPS241/OPS243 radar, JSON lines: range and Doppler speed",
     decoder=lambda options: LineDecoder(_Parser()),
+    lines=True,
     resolution_m=0.01,
     baud=19_200,  # of its UART (UM-003-A); over USB any is right
     most_m=1_000.0,

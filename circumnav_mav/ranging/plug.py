@@ -7,7 +7,7 @@ What every source has in common (whose range it is, bias, limits, time) is done 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any, Protocol, TypeAlias
@@ -69,8 +69,8 @@ class Settings:
 
     from_: (system, component) of the sender, None = any component but an autopilot; orientation: None = any but down.
     latency_s: fixed delay from the measurement to its arrival [s]. use_stamps: take out link delay by the device's own
-    timestamps. stamped_by: whose clock these show, "sender" or "autopilot". stuck_s: None = what suits the source,
-    0 = never. options: keys that one source alone understands.
+    timestamps. stamped_by: whose clock these show, "sender" or "autopilot". stuck_s: None = by the values before
+    (gate.py), 0 = never. options: keys that one source alone understands.
     """
 
     from_: tuple[int, int] | None = None
@@ -125,6 +125,7 @@ class ByteSource:
     resolution_m: float
     most_m: float
     baud: int = 115_200
+    lines: bool = False  # whether it speaks in lines of text
     has_rate: bool = False
     carries: frozenset[str] = NOTHING  # which of CARRIED its readings may have
     most_beacon_id: float = math.inf
@@ -140,6 +141,31 @@ def carried(source: Source, options: Mapping[str, Any]) -> frozenset[str]:
     """Return which of CARRIED the source's readings may have with these options, which are valid ones."""
     named = source.named if isinstance(source, ByteSource) else None
     return source.carries if named is None else source.carries & named(options)
+
+
+class Faults(ValueError):
+    """All that is wrong with the options of a source, each in words that begin with `ranging.KEY` or `ranging:`."""
+
+    def __init__(self, faults: Iterable[str]) -> None:
+        self.faults = tuple(faults)
+        super().__init__("; ".join(self.faults))
+
+
+def refuse(faults: Iterable[str]) -> None:
+    """Raise Faults where there are any."""
+    if found := tuple(faults):
+        raise Faults(found)
+
+
+def check_all(*builds: Callable[[], object]) -> None:
+    """Build everything from the options, so that one fault does not hide another. Raises Faults."""
+    found: list[str] = []
+    for build in builds:
+        try:
+            build()
+        except ValueError as error:
+            found += error.faults if isinstance(error, Faults) else (str(error),)
+    refuse(found)
 
 
 def number(options: Mapping[str, Any], key: str, default: float, least: float = -math.inf) -> float:

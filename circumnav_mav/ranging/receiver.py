@@ -24,15 +24,11 @@ DOWN = 25
 """MAV_SENSOR_ROTATION_PITCH_270: a range finder that looks at the ground, never a beacon."""
 
 AUTOPILOT_COMPONENT = 1
-STUCK_S = 3.0
 DOUBT_SHARE = 0.25
 """The share of max_age_s above which an age that stays is blamed on the device's clock."""
 
 STANDING_AFTER = 3
 """So many different ranges with one and the same stamp show that it is none."""
-
-FINE_RESOLUTION_M = 0.002
-"""At or below this step, noise alone changes the range of any radio; a coarser one may honestly stand still."""
 
 MOST_HEARD = 64
 """How many channels are remembered for people to choose from; rubbish could invent any number."""
@@ -55,18 +51,14 @@ class Channel(NamedTuple):
 class _Receiver:
     def __init__(self, source: Source, settings: Settings) -> None:
         self.counts = Counts()
-        self.moving = True
-        """Set False while the vehicle is known to stand still: a value that does not change is then no fault."""
+        self.moving = False
+        """Set True while the vehicle is known to move: a value that does not change is then a fault."""
         self.heard: dict[Channel, float] = {}
         """The last range [m] of every channel heard, flown on or not: what from, sensor_id, beacon_id choose from."""
         self._settings = settings
         self._names_beacon = "beacon_id" in source.carries
-        stuck_s = settings.stuck_s
-        if stuck_s is None:
-            stuck_s = STUCK_S if source.resolution_m <= FINE_RESOLUTION_M else 0.0
-        self._limits = Limits(
-            settings.max_age_s, settings.min_m, settings.max_m, source.most_m, settings.min_quality_pct, stuck_s
-        )
+        s = settings
+        self._limits = Limits(s.max_age_s, s.min_m, s.max_m, source.most_m, s.min_quality_pct, s.stuck_s)
         self._gate = Gate(self._limits)
         self._clock = StampClock(DOUBT_SHARE * settings.max_age_s)
         self._shared = SharedClock()
@@ -192,11 +184,11 @@ class MessageReceiver(_Receiver):
 
     def _match_sender(self, sender: tuple[int, int], now_s: float) -> Rejected | None:
         want = self._from
-        if sender == self.autopilot or (want is None and sender[1] == AUTOPILOT_COMPONENT):
+        if want is not None:  # whoever it is: what else sends, and what is echoed under another id, is not he
+            return None if sender == want else Rejected(now_s, Reason.WRONG_SOURCE, f"{sender}, ranging.from is {want}")
+        if sender == self.autopilot or sender[1] == AUTOPILOT_COMPONENT:
             # An autopilot streams its own range finder, and echoes ours late, rounded and under another id (PX4.md 7).
             return Rejected(now_s, Reason.WRONG_SOURCE, f"{sender} is an autopilot: its own range finder or an echo")
-        if want is not None and sender != want:
-            return Rejected(now_s, Reason.WRONG_SOURCE, f"{sender}, ranging.from is {want}")
         return None
 
 

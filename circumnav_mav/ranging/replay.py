@@ -63,6 +63,7 @@ SOURCE = ByteSource(
     name="replay",
     summary="a file of recorded ranges: t_s, range_m [, range_rate_m_s [, sigma_m [, beacon_id]]]",
     decoder=lambda options: LineDecoder(parse),
+    lines=True,
     resolution_m=0.01,
     carries=frozenset({"beacon_id", "stamp_s"}),
     most_m=FARTHEST_M,

@@ -13,6 +13,7 @@ from circumnav_mav.ranging.plug import ByteSource, Reading, Reason, number
 from circumnav_mav.types import Rejected
 
 HEAD, VERSION, LENGTH = 0xFE, 0x02, 6
+MOST_CM = 0xFFFF
 
 
 def _probe(candidate: memoryview) -> int:
@@ -36,8 +37,8 @@ class Decoder:
 
     def _read(self, frame: bytes, now_s: float) -> Reading | Rejected:
         range_cm, snr = int.from_bytes(frame[2:4], "little"), frame[4]
-        if range_cm == 0:
-            return Rejected(now_s, Reason.NO_READING, "range 0")
+        if range_cm in (0, MOST_CM):  # the manual names no word for "nothing"; no radar ranges to a full field
+            return Rejected(now_s, Reason.NO_READING, f"range {range_cm} cm, SNR {snr}")
         if snr < self._min_snr:
             return Rejected(now_s, Reason.INVALID_QUALITY, f"SNR {snr} is below min_snr {self._min_snr:g}")
         return Reading(range_m=range_cm / 100.0)

@@ -143,7 +143,7 @@ class App:
         frames = self.flight.receive(data, self._clock.now(), link, whole=self._links[link].whole)
         for frame in frames:
             self._recorder.frame(frame.raw)
-        return self.flight.link.autopilot_spoke
+        return self.flight.spoke
 
     def _on_change(self, link: str, up: bool, words: str) -> None:
         now_s = self._clock.now()
@@ -163,7 +163,8 @@ class App:
         now_s = self.flight.resume(now_s, self._take_in)
         self._last_tick_s = now_s
         frames, record = self.flight.tick(now_s, lateness_s, missed)
-        self._send(frames)
+        self._send(VEHICLE, frames)
+        self._send(RANGING, self.flight.questions(now_s))
         self._recorder.tick(record)
         self._limited.count(record)
         self._watch(now_s, record)
@@ -175,12 +176,11 @@ class App:
             link.drain()
         return self._clock.now()
 
-    def _send(self, frames: list[bytes]) -> None:
-        link = self._links[VEHICLE]
+    def _send(self, link: str, frames: list[bytes]) -> None:
         for frame in frames:
             if self._silenced or self.flight.was_stopped:  # since this tick began: what it decided is too old
                 return
-            link.send(frame)
+            self._links[link].send(frame)
             self._recorder.frame(frame)
 
     def _watch(self, now_s: float, record: TickRecord) -> None:
@@ -233,7 +233,7 @@ class App:
             if phase is Phase.WAITING_AUTOPILOT:
                 return "no_autopilot", no_autopilot(self._config.vehicle.link, flight)
             if phase is Phase.WAITING_RANGE:
-                return "no_range", no_range(flight)
+                return "no_range", flight.why_no_range(now_s)
         if options.end_on_release and phase is Phase.RELEASED:
             return "released", flight.computer.reason
         if options.end_on_release and phase is Phase.RANGE_LOST and flight.link.authority.control == "given back":
@@ -286,7 +286,7 @@ class App:
             "target": describe(self.flight.target, self.flight.target_place),
             "drift": describe_drift(self.flight.target),
             "sample_age_s": record.sample_age_s,
-            "rejected": record.rejected,
+            "rejected": self.flight.turned_away.words(self.flight.ranges.echoes),
             "limited": self._limited.words(),
             "lateness_ms": self._lateness_s * 1e3,
             "missed_ticks": self._missed,
@@ -300,7 +300,9 @@ class App:
         if phase is Phase.WAITING_AUTOPILOT and now_s > 5.0:
             return no_autopilot(self._config.vehicle.link, self.flight)
         if phase is Phase.WAITING_RANGE and now_s > 5.0:
-            return no_range(self.flight)
+            return self.flight.why_no_range(now_s)
+        if phase in (Phase.COASTING, Phase.RANGE_LOST):
+            return f"{self.flight.computer.reason}; {self.flight.why_no_range(now_s)}"
         if phase is Phase.READY:
             why_not = self.flight.link.authority.why_not(now_s)
             return why_not or f"select {self.flight.words.ours_name} to engage"
@@ -326,14 +328,3 @@ def no_autopilot(link: str, flight: Flight) -> str:
     if counts.rubbish_bytes:
         return f"bytes on {link} that are not MAVLink: check what sends to this port"
     return f"nothing is heard on {link}: check vehicle.link, the cable and the autopilot's MAVLink port"
-
-
-def no_range(flight: Flight) -> str:
-    """Return why no range is there, as far as can be told, and what to do."""
-    endpoint = flight.ranges.endpoint
-    if endpoint is not None and (why := flight.ranges.why_none(endpoint)):
-        return why
-    if flight.rejected:
-        reason, count = flight.rejected.most_common(1)[0]
-        return f"no range can be flown on: {flight.rejected.total()} rejected, most of them {reason} ({count})"
-    return "no range message has come: check that the ranging radio runs, and the ranging section of the configuration"

@@ -51,6 +51,8 @@ async def _run(audit: Audit, links: list[Transport], clock: Clock, seconds: floa
     def tick(now_s: float, lateness_s: float, missed: int) -> bool:
         for frame in audit.tick(now_s):
             links[0].send(frame)
+        for frame in audit.questions(now_s):
+            links[-1].send(frame)
         return now_s < seconds
 
     await run_on_grid(clock, RATE_HZ, tick)
@@ -73,4 +75,5 @@ def table(findings: list[Finding]) -> Iterator[str]:
 
 
 def _lines(head: str, text: str) -> list[str]:
-    return textwrap.wrap(text, WIDTH, initial_indent=head, subsequent_indent=INDENT, break_long_words=False)
+    # A finding without words must be seen too: it is counted.
+    return textwrap.wrap(text or "-", WIDTH, initial_indent=head, subsequent_indent=INDENT, break_long_words=False)

@@ -1,4 +1,7 @@
-"""`circumnav ranging`: what the sensor says, live. It listens; it never sends a setpoint or a command."""
+"""`circumnav ranging`: what the sensor says, live. It listens; it never sends a setpoint or a command.
+
+Over MAVLink it asks for the clocks (TIMESYNC), as a flight does, and where it must call first it sends a heartbeat.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +25,7 @@ from circumnav_mav.types import RangeSample
 
 REFRESH_S = 0.25
 HEARTBEAT_S = 1.0
-LISTENER = (1, 192)
+LISTENER = 192
 """MAV_COMP_ID_ONBOARD_COMPUTER2: a flight that goes on meanwhile must not take this for a rival with its own ids."""
 
 
@@ -39,7 +42,6 @@ class RangingApp:
         self._channels: set[Channel] = set()
         self._clock_told = False
         self._stopped = asyncio.Event()
-        self._packer: Packer | None = None
         # Signatures guard the vehicle's link; a radio with an endpoint of its own has none.
         own = self.feed.endpoint
         self._signer = None if own else open_signer(config.vehicle.signing_key_file, clock.now())
@@ -47,8 +49,9 @@ class RangingApp:
             self._link = open_ranging_link(own, self.feed)
         else:
             self._link = open_link(parse(config.vehicle.link))
-        if self._link.endpoint.kind == "udpout" and self.feed.messages:  # nobody answers who was never called
-            self._packer = Packer(*LISTENER, self._signer)
+        self._packer = Packer(config.vehicle.system_id or 1, LISTENER, self._signer)
+        self._calls = self._link.endpoint.kind == "udpout" and bool(self.feed.messages)  # else nobody answers
+        self.feed.follow_clocks(self.feed.time)
 
     async def run(self) -> Status:
         """Listen to the end; return the last figures."""
@@ -66,9 +69,12 @@ class RangingApp:
     async def _show_until_stopped(self) -> None:
         heartbeat_next_s = -inf
         while not self._stopped.is_set() and (now_s := self._clock.now()) < self._duration_s:
-            if self._packer is not None and now_s >= heartbeat_next_s:
+            if self._calls and now_s >= heartbeat_next_s:
                 heartbeat_next_s = now_s + HEARTBEAT_S
                 self._link.send(_heartbeat(self._packer))
+            for question in self.feed.questions(now_s, self._packer):
+                self._link.send(question)
+            self.monitor.whole_delay = self.feed.tells_whole_delay(now_s)
             self._view.show(now_s, self.monitor.status(now_s), self.hint() if now_s > 3.0 else "")
             wait_s = min(REFRESH_S, self._duration_s - now_s)
             try:
@@ -77,7 +83,7 @@ class RangingApp:
                 continue
 
     def take(self, data: bytes) -> bool:
-        """Take in what the link has heard."""
+        """Take in what the link has heard; return whether it came from whom we listen to, and so are to ask."""
         now_s = self._clock.now()
         _, results = self.feed.on_bytes(data, now_s, whole=self._link.whole, signer=self._signer)
         for channel in [channel for channel in self.feed.receiver.heard if channel not in self._channels]:
@@ -93,7 +99,7 @@ class RangingApp:
         if not self._clock_told and (words := self.feed.receiver.clock_words):
             self._clock_told = True
             self._view.event(now_s, words)
-        return True
+        return any(isinstance(result, RangeSample) for result in results)
 
     def _on_change(self, up: bool, words: str) -> None:
         self._view.event(self._clock.now(), words)
@@ -107,11 +113,11 @@ class RangingApp:
             yield f"{channel}: {range_m:.3f} m" + (", flown on" if channel == receiver.flown else "")
 
     def hint(self) -> str:
-        """Return in words why there is no range at all, as far as can be told, and what to do."""
+        """Return in words why no range comes, as far as can be told, and what to do; empty while none is overdue."""
         signer = self._signer
         if signer is not None and signer.refused and not signer.accepted:
             return f"no frame on {self._link.endpoint} is believed: {signer.complaint()}"
-        return self.feed.why_none(self._link.endpoint)
+        return self.feed.why_none(self._link.endpoint, self._clock.now())
 
 
 def summary(status: Status, duration_s: float, hint: str, heard: Iterable[str] = ()) -> Iterator[str]:
@@ -124,7 +130,8 @@ def summary(status: Status, duration_s: float, hint: str, heard: Iterable[str] =
         yield f"last       {last.range_m:.3f} m{beacon}, range rate {number(last.range_rate_m_s, '+.2f', ' m/s')}"
         yield (
             f"timing     jitter {number(status.jitter_s * 1e3, '.1f', ' ms')}, "
-            f"longest gap {status.longest_gap_s:.2f} s, delay {number(status.delay_s * 1e3, '.1f', ' ms')} (last 10 s)"
+            f"longest gap {status.longest_gap_s:.2f} s, "
+            f"{status.delay_name} {number(status.delay_s * 1e3, '.1f', ' ms')} (last 10 s)"
         )
         yield f"noise      {number(status.noise_m, '.3f', ' m')} (last 10 s)"
     yield from (f"heard      {words}" for words in heard)

@@ -18,7 +18,7 @@ class RangingView(Protocol):
     """Where a sensor's figures are shown."""
 
     def show(self, now_s: float, status: Status, hint: str) -> None:
-        """Show the present figures; `hint`: why there are none."""
+        """Show the present figures; `hint`: why no range comes."""
 
     def event(self, now_s: float, text: str) -> None:
         """Show something that happened."""
@@ -121,7 +121,7 @@ def draw(s: Status, hint: str, title: str, events: list[str]) -> Any:
     for row in (
         ("range", number(last.range_m if last else nan, ".3f", " m"), "rate", number(s.rate_hz, ".1f", " Hz")),
         ("range rate", number(last.range_rate_m_s if last else nan, "+.2f", " m/s"), "beacon", beacon),
-        ("age", number(s.age_s, ".2f", " s"), "delay", number(s.delay_s * 1e3, ".1f", " ms")),
+        ("age", number(s.age_s, ".2f", " s"), s.delay_name, number(s.delay_s * 1e3, ".1f", " ms")),
         ("jitter", number(s.jitter_s * 1e3, ".1f", " ms"), "longest gap", number(s.longest_gap_s, ".2f", " s")),
         ("noise", number(s.noise_m, ".3f", " m"), "accepted", str(s.accepted)),
     ):

@@ -142,7 +142,7 @@ def draw(s: dict[str, Any], title: str, events: list[str]) -> Any:
             "height",
             number(s["height_m"], ".1f", " m"),
         ),
-        ("range age", number(s["sample_age_s"], ".2f", " s"), "rejected", str(s["rejected"])),
+        ("range age", number(s["sample_age_s"], ".2f", " s"), "rejected", s["rejected"]),
         ("lateness", number(s["lateness_ms"], ".2f", " ms"), "missed ticks", str(s["missed_ticks"])),
         ("autopilot", s["mode"] or "-", "authority", s["control"]),
         ("turn rate limited", s["limited"] or "-", "", ""),

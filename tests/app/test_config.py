@@ -37,6 +37,39 @@ def test_every_fault_is_reported_at_once_with_its_line():
     assert "'pilot' or 'auto'" in lines[3]
 
 
+LINES = "ranging:\n  source: lines\n  endpoint: /dev/ttyUSB0\n"
+TOGETHER = {
+    "of a pattern": (
+        "  pattern: 'D=[0-9]+'\n  range_unit: furlong\n  rate_unit: 3\n  id_base: 1\n  ignore: '*'\n",
+        [f"{n}: ranging.{key}" for n, key in enumerate(("pattern", "range_unit", "rate_unit", "id_base", "ignore"), 4)],
+    ),
+    "of paths, beside a misspelt key": (
+        "  json: {range: data..d, foo: x}\n  range_units: m\n  time_unit: min\n",
+        ["4: ranging.json", "4: ranging.json", "5: ranging.range_units", "6: ranging.time_unit"],
+    ),
+    "beside a wrong number": (
+        "  pattern: '('\n  bias_m: abc\n  min_m: 50\n  max_m: 3\n  coast_s: 0.1\n",
+        ["4: ranging.pattern", "5: ranging.bias_m", "6: ranging.min_m", "8: ranging.coast_s"],
+    ),
+    "and none that a misspelt or a wrong key alone explains": (
+        "  patern: '(?P<range>.)'\n  max_age_s: x\n  latency_s: 1.5\n  min_m: 50\n  max_m: y\n",
+        ["4: ranging.patern", "5: ranging.max_age_s", "8: ranging.max_m"],
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", TOGETHER)
+def test_no_fault_of_the_ranging_section_hides_another(case):
+    text, places = TOGETHER[case]
+    found = [line.removeprefix("c.yaml:").split(": ") for line in faults(LINES + text)]
+    assert [": ".join(parts[:2]) for parts in found] == places
+
+
+def test_a_wrong_source_or_another_section_hides_no_numbers_that_contradict_each_other():
+    found = faults("ranging: {source: nix, foo: 3, min_m: 5, max_m: 1, beacon_id: 70000}\norbit: {radius_m: abc}\n")
+    assert [line.split(": ")[1] for line in found] == ["ranging.source", "ranging.min_m", "orbit.radius_m"]
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [

@@ -44,6 +44,8 @@ RULES: dict[str, set[str]] = {
     "circumnav_mav/flight_record.py": {"circumnav_mav.runtime", "circumnav_mav.study", *WORLD},
     "circumnav_mav/notices.py": {"circumnav_mav.runtime", "circumnav_mav.study", *WORLD},
     "circumnav_mav/range_feed.py": {"circumnav_mav.runtime", "circumnav_mav.study", *WORLD},
+    "circumnav_mav/range_words.py": {"circumnav_mav.runtime", "circumnav_mav.study", *WORLD},
+    "circumnav_mav/turned_away.py": {"circumnav_mav.runtime", "circumnav_mav.study", *WORLD},
     "circumnav_mav/config.py": {"circumnav_mav.runtime", "circumnav_mav.study", *WORLD},
     "circumnav_mav/config_checks.py": {"circumnav_mav.runtime", "circumnav_mav.study", *WORLD},
     "circumnav_mav/runtime": {"circumnav_mav.study"},

@@ -7,10 +7,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from itertools import groupby
 from typing import Any
 
 import pytest
 
+from circumnav_mav.config import Config
+from circumnav_mav.config_file import load
+from circumnav_mav.ranging.gate import STUCK_S
+from tests.height_rows import SHIPPED
 from tests.lockstep import Rig, airborne, config
 
 EAST, NORTH, WEST, SOUTH = 0.0, math.pi / 2, math.pi, -math.pi / 2
@@ -67,6 +72,90 @@ def test_row(row):
     heights = [truth.height_m for truth in log.truth[-3000:]]
     assert max(heights) - min(heights) < 2.0
     keep_the_rules(rig)
+
+
+@dataclass(frozen=True)
+class Stuck:
+    """A radio that sends its last value on from `at_s`, and how much farther from the beacon the vehicle may come then.
+
+    farther_m: half of the way flown blind, for a plane all of it. From the orbit: a radius, for a plane in wind two.
+    """
+
+    name: str
+    at_s: float
+    farther_m: float
+    app: Config = field(default_factory=config)
+    world: dict[str, Any] = field(default_factory=dict)
+
+
+DRIFT = config(estimator={"name": "drift"}, law={"name": "tangent"})
+PLANE = {"airframe": "fixed_wing", "height_m": 100.0, "beacon_height_m": 0.0, "start_speed_m_s": 18.0}
+PLANE |= {"distance_m": 400.0, "wind_east_m_s": 3.0, "range_max_m": 2000.0}
+FLOWN_BLIND_S = STUCK_S + 20.0
+"""What was believed while the value stood, and coast_s after the last one that was used."""
+
+STUCK_ROWS = [
+    Stuck("multirotor, approach", 15.0, 0.5 * 5.0 * FLOWN_BLIND_S),
+    Stuck("multirotor, orbit", 45.0, 50.0, world={"distance_m": 90.0}),
+    Stuck("multirotor on drift, approach", 15.0, 0.5 * 5.0 * FLOWN_BLIND_S, DRIFT),
+    Stuck("multirotor on drift, orbit", 45.0, 50.0, DRIFT, {"distance_m": 90.0}),
+    Stuck("plane, approach", 12.0, 18.0 * FLOWN_BLIND_S, load(SHIPPED), PLANE),
+    Stuck("plane, orbit", 60.0, 160.0, load(SHIPPED), PLANE),
+]
+
+
+@pytest.mark.parametrize("row", STUCK_ROWS, ids=[row.name for row in STUCK_ROWS])
+def test_a_stuck_radio_is_found_lost_and_heard_again(row):
+    back_s = row.at_s + 30.0
+    world = airborne(**{"seed": 11, "faults": (f"{row.at_s:g}-{back_s:g} range-stick",), **row.world})
+    rig = Rig(row.app, world).engage()
+    rig.run(row.at_s - rig.now_s)
+    assert rig.log.phases[-1] == ("orbiting" if "orbit" in row.name else "acquiring")
+    there_m = rig.stub.truth().horizontal_range_m
+    log = rig.run(back_s - 1.0 - rig.now_s)
+    since = [tick for tick in log.ticks if tick.t_s > row.at_s]
+    lost_s = next(tick.t_s for tick in since if tick.phase == "range_lost")
+    assert lost_s - row.at_s < FLOWN_BLIND_S + 0.3
+    assert {tick.phase for tick in since if tick.t_s >= lost_s} == {"range_lost"}, "ready only when the value changes"
+    assert max(t.horizontal_range_m for t in log.truth[-len(since) :]) < there_m + row.farther_m
+    assert rig.flight.rejected["stuck"] > 200
+    told = [event for event in rig.flight.events if event.text.startswith("the range is stuck: ")]
+    assert len(told) == 1 and told[0].t_s - row.at_s < STUCK_S + 0.3
+    assert rig.run(3.0).phases[-1] == "ready"
+
+
+SLOW = config(orbit={"radius_m": 20.0, "speed_m_s": 0.8})
+BY_ATTITUDE = config(vehicle={"class": "px4_multirotor_attitude", "pitch_deg": -4.37})
+
+
+@pytest.mark.parametrize(("app", "fault"), [(SLOW, ()), (BY_ATTITUDE, ("10-inf no-gps",))], ids=["slow", "no position"])
+def test_a_stuck_radio_is_found_at_any_speed_and_without_a_measured_one(app, fault):
+    """Without a position the autopilot goes on to send a velocity: 0 m/s."""
+    rig = Rig(app, airborne(distance_m=100.0, faults=("15-inf range-stick", *fault))).engage()
+    rig.run(15.0 + STUCK_S + 0.3 - rig.now_s)
+    assert rig.flight.ranges.receiver.moving
+    assert rig.flight.rejected["stuck"]
+
+
+@pytest.mark.parametrize(("app", "step_m"), [(DRIFT, 0.01), (config(), 1.0)], ids=["cm", "m"])
+def test_a_perfect_orbit_may_keep_its_range(app, step_m):
+    """Without noise and wind an honest range stands for long, and then nothing is stuck and nothing coasts."""
+    world = airborne(distance_m=120.0, range_sigma_m=0.0, height_drift_m_s=0.0, range_step_m=step_m)
+    log = (rig := Rig(app, world).engage()).run(120.0)
+    assert max(len(list(same)) for _, same in groupby(tick.range_m for tick in log.ticks)) * rig.tick_s > 2.0 * STUCK_S
+    assert log.phases[-1] == "orbiting" and "coasting" not in log.phases
+    assert not rig.flight.rejected["stuck"]
+
+
+@pytest.mark.parametrize("sender", [1, 158])
+def test_the_autopilots_own_ranges_are_flown_on_where_they_are_chosen(sender):
+    """Its own sensor, or that of a companion which it passes on; its other one looks down."""
+    rig = Rig(config(ranging={"from": [1, 1]}), airborne(distance_m=80.0, range_compid=sender)).engage()
+    log = rig.run(60.0)
+    assert log.phases[-1] == "orbiting" and "coasting" not in log.phases
+    assert log.rms_m(15.0) < 0.6
+    assert rig.flight.rejected["decoy_orientation"] > 0
+    assert (rig.flight.rejected["wrong_source"] > 0) == (sender != 1)
 
 
 def keep_the_rules(rig: Rig) -> None:

@@ -10,7 +10,7 @@ import random
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
-from circumnav_mav.flight import Flight
+from circumnav_mav.flight import RANGING, VEHICLE, Flight
 from circumnav_mav.mavlink.codec import Splitter
 from circumnav_mav.mavlink.timesync import TimeSync
 from tests.lockstep import Rig, Wire, Wires, airborne, config
@@ -101,12 +101,17 @@ def test_an_offset_is_forgotten_when_nobody_answers():
 
 # -- over bytes ------------------------------------------------------------------------------------------------------
 
+OWN = "udpin://127.0.0.1:14560"
+LINKS = pytest.mark.parametrize("endpoint", [None, OWN], ids=["vehicle's link", "own link"])
+
 
 class Bench:
-    """An autopilot's heartbeat and a radio with a clock of its own, on one link."""
+    """An autopilot's heartbeat and a radio with a clock of its own, on one link or each on its own."""
 
     def __init__(self, **ranging):
         self.flight = Flight(config(ranging=ranging))
+        self.links = {"autopilot": VEHICLE, "radio": RANGING if ranging.get("endpoint") else VEHICLE}
+        self.sent: dict[str, list] = {VEHICLE: [], RANGING: []}
         self.mavs = {"autopilot": mavlink.MAVLink(None, 1, 1), "radio": mavlink.MAVLink(None, 1, 158)}
         self.now_s = 0.0
 
@@ -125,16 +130,26 @@ class Bench:
             stamp_ms = round((now_s - late_s + ahead_s) * 1e3)
             message = mavlink.MAVLink_distance_sensor_message(stamp_ms, 10, 60000, cm, 0, 7, 0, 255)
             rejected = self.flight.rejected.total()
-            self.flight.receive(message.pack(self.mavs["radio"]), now_s)
+            self.flight.receive(message.pack(self.mavs["radio"]), now_s, self.links["radio"])
             if self.flight.rejected.total() == rejected:
                 times.append((now_s, self.flight.computer.estimator.sample_time_s()))
             frames, _ = self.flight.tick(now_s)
-            for frame in frames:
-                asked = mavlink.MAVLink(None).decode(bytearray(frame))
-                if answers is not None and asked.get_type() == "TIMESYNC" and asked.tc1 == 0:
-                    answer = mavlink.MAVLink_timesync_message(round((now_s + answers[1]) * 1e9), asked.ts1)
-                    self.flight.receive(answer.pack(self.mavs[answers[0]]), now_s + 0.002)
+            self._take(VEHICLE, frames, answers)
+            self._take(RANGING, self.flight.questions(now_s), answers)
         return times
+
+    def _take(self, link, frames, answers):
+        for frame in frames:
+            asked = mavlink.MAVLink(None).decode(bytearray(frame))
+            self.sent[link].append(asked)
+            if (
+                answers is not None
+                and asked.get_type() == "TIMESYNC"
+                and not asked.tc1
+                and link == self.links[answers[0]]
+            ):
+                answer = mavlink.MAVLink_timesync_message(round((self.now_s + answers[1]) * 1e9), asked.ts1)
+                self.flight.receive(answer.pack(self.mavs[answers[0]]), self.now_s + 0.002, link)
 
 
 def ages_s(times, from_s=5.0):
@@ -144,13 +159,17 @@ def ages_s(times, from_s=5.0):
     return ages
 
 
-def test_a_radio_that_answers_timesync_has_its_whole_delay_taken_out():
-    times = Bench().run(10.0, ahead_s=4321.0, late_s=0.3, answers=("radio", 4321.0))
+@LINKS
+def test_a_radio_that_answers_timesync_has_its_whole_delay_taken_out(endpoint):
+    times = Bench(endpoint=endpoint).run(10.0, ahead_s=4321.0, late_s=0.3, answers=("radio", 4321.0))
     assert ages_s(times) == pytest.approx([0.3] * len(ages_s(times)), abs=0.02)
 
 
-def test_so_has_one_that_is_said_to_stamp_by_the_autopilot_s_clock():
-    times = Bench(stamped_by="autopilot").run(10.0, ahead_s=77.0, late_s=0.3, answers=("autopilot", 77.0))
+@LINKS
+def test_so_has_one_that_is_said_to_stamp_by_the_autopilot_s_clock(endpoint):
+    times = Bench(stamped_by="autopilot", endpoint=endpoint).run(
+        10.0, ahead_s=77.0, late_s=0.3, answers=("autopilot", 77.0)
+    )
     assert ages_s(times) == pytest.approx([0.3] * len(ages_s(times)), abs=0.02)
 
 
@@ -159,6 +178,54 @@ def test_of_a_radio_with_a_clock_that_nobody_shows_only_the_varying_part_is_take
     """Even where the autopilot's clock happens to show the same: nobody said that it is the one that stamps."""
     times = Bench().run(10.0, ahead_s=4321.0, late_s=0.3, answers=answers)
     assert max(ages_s(times)) < 0.02
+
+
+@pytest.mark.parametrize("ranging", [{}, {"stamped_by": "autopilot"}, {"use_stamps": False}])
+def test_on_a_radio_s_own_link_nothing_leaves_but_the_question_and_that_where_it_is_of_use(ranging):
+    bench = Bench(endpoint=OWN, **ranging)
+    bench.run(10.0, ahead_s=77.0, late_s=0.3, answers=("radio", 77.0))
+    wanted = 0 if ranging else 10
+    assert len(bench.sent[RANGING]) == wanted
+    assert {(m.get_type(), m.get_srcSystem(), m.get_srcComponent(), m.tc1) for m in bench.sent[RANGING]} <= {
+        ("TIMESYNC", 1, 191, 0)
+    }
+
+
+def test_a_device_of_its_own_is_never_sent_mavlink():
+    flight = Flight(config(ranging={"source": "linktrack", "endpoint": "/dev/ttyUSB0"}))
+    assert [frame for n in range(100) for frame in flight.questions(0.1 * n)] == []
+
+
+def test_the_radio_is_asked_under_the_vehicle_s_system():
+    bench = Bench(endpoint=OWN)
+    bench.mavs["autopilot"] = mavlink.MAVLink(None, 9, 1)
+    bench.run(10.0, ahead_s=77.0, late_s=0.3)
+    assert {m.get_srcSystem() for m in bench.sent[RANGING][1:]} == {9}
+
+
+def test_an_answer_on_the_one_link_tells_nothing_of_a_clock_on_the_other():
+    bench = Bench(endpoint=OWN)
+    bench.flight.link.time.wanted = True
+    bench.run(5.0, ahead_s=77.0, late_s=0.3, answers=("autopilot", 50.0))
+    assert bench.flight.link.time.offset((1, 1), 5.0).offset_s == pytest.approx(50.0, abs=0.01)
+    assert bench.flight.ranges.time.offset((1, 1), 5.0) is None
+
+
+def test_a_radio_s_link_that_was_opened_again_may_have_another_clock():
+    bench = Bench(endpoint=OWN)
+    bench.run(5.0, ahead_s=77.0, late_s=0.3, answers=("radio", 77.0))
+    assert bench.flight.ranges.time.offset((1, 158), 5.0) is not None
+    bench.flight.link_back(RANGING, 5.0, "open again")
+    assert bench.flight.ranges.time.offset((1, 158), 5.0) is None
+
+
+def test_the_radio_that_is_flown_on_is_the_one_that_is_asked():
+    """Where several send to one port: told by Flight.spoke, which the link chooses its peer by."""
+    flight = Flight(config(ranging={"endpoint": OWN, "from": [1, 158]}))
+    for component, spoke in ((158, True), (159, False), (158, True)):
+        message = mavlink.MAVLink_distance_sensor_message(0, 10, 60000, 5000 + component, 0, 7, 0, 255)
+        flight.receive(message.pack(mavlink.MAVLink(None, 1, component)), 1.0 + 0.1 * component, RANGING)
+        assert flight.spoke is spoke
 
 
 def test_stamps_of_another_clock_than_was_said_are_told_and_dated_by_the_line():

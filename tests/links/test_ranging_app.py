@@ -191,7 +191,7 @@ def test_the_views_draw_every_state(bench):
 
 
 def test_it_calls_where_nobody_answers_uncalled_and_says_nothing_but_that_it_is_there():
-    """On udpout a heartbeat, under ids that no flight has; on udpin not one byte."""
+    """Under ids that no flight has: on udpout a heartbeat, and everywhere the question for the clocks."""
     peer = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     peer.bind(("127.0.0.1", 0))
     peer.settimeout(5.0)
@@ -202,13 +202,70 @@ def test_it_calls_where_nobody_answers_uncalled_and_says_nothing_but_that_it_is_
     with contextlib.suppress(TimeoutError):
         while True:
             heard.append(mavlink.MAVLink(None).decode(bytearray(peer.recv(1000))))
-    assert {(m.get_type(), m.get_srcComponent(), m.type) for m in heard} == {("HEARTBEAT", 192, 18)}
-    assert 2 <= len(heard) <= 4
+    assert {(m.get_type(), m.get_srcComponent()) for m in heard} == {("HEARTBEAT", 192), ("TIMESYNC", 192)}
+    assert {getattr(m, "type", 18) for m in heard} == {18} and {getattr(m, "tc1", 0) for m in heard} == {0}
+    assert 4 <= len(heard) <= 8
 
     app = RangingApp(parse(MESSAGES), Clock(0.3), Quiet(), 3.0)
     peer.sendto(distance(100.0), ("127.0.0.1", app._link.port))
     status = asyncio.run(app.run())
     assert status.accepted == 1
+    heard = []
+    with contextlib.suppress(TimeoutError):
+        while True:
+            heard.append(mavlink.MAVLink(None).decode(bytearray(peer.recv(1000))))
+    assert heard and {(m.get_type(), m.get_srcComponent(), m.tc1) for m in heard} == {("TIMESYNC", 192, 0)}
+    peer.close()
+
+
+@pytest.mark.parametrize("ranging", ["source: rangefinder, from: [1, 158]", "use_stamps: false"])
+def test_where_no_stamp_is_read_not_one_byte_leaves(ranging):
+    peer = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    peer.bind(("127.0.0.1", 0))
+    peer.settimeout(0.05)
+    app = RangingApp(parse(f"{MESSAGES}\nranging: {{{ranging}}}"), Clock(0.3), Quiet(), 3.0)
+    peer.sendto(distance(100.0), ("127.0.0.1", app._link.port))
+    asyncio.run(app.run())
     with pytest.raises(TimeoutError):
         peer.recv(1000)
     peer.close()
+
+
+def late_beacon(b, answers: bool) -> str:
+    """Let a radio send ranges 0.4 s late for 8 s; return what the summary says of the delay."""
+    radio = mavlink.MAVLink(None, 1, 158)
+    app, packer = b.app, b.app._packer
+    for n in range(1, 81):
+        now_s = b.clock.now_s + 0.1
+        for question in app.feed.questions(now_s, packer):
+            asked = mavlink.MAVLink(None).decode(bytearray(question))
+            if answers:
+                answer = mavlink.MAVLink_timesync_message(round((now_s + 1000.0) * 1e9), asked.ts1)
+                app.feed.on_bytes(bytes(answer.pack(radio)), now_s + 0.001, whole=True)
+        stamp_ms = round((now_s - 0.4 + 1000.0) * 1e3)
+        message = mavlink.MAVLink_distance_sensor_message(stamp_ms, 10, 60000, 5000 + n, 0, 7, 0, 255)
+        b.hear(bytes(message.pack(radio)))
+    app.monitor.whole_delay = app.feed.tells_whole_delay(b.clock.now_s)
+    timing = next(line for line in summary(b.status, b.clock.now_s, "") if line.startswith("timing"))
+    return timing[timing.index("delay") :]
+
+
+OWN = f"{MESSAGES}\nranging: {{endpoint: 'udpin://127.0.0.2:0'"
+
+
+@pytest.mark.parametrize("text", [MESSAGES, OWN + "}", OWN + ", stamped_by: sender}"])
+def test_the_delay_that_a_clock_shows_is_the_whole_of_it(bench, text):
+    words = late_beacon(bench(text), answers=True)
+    assert words.startswith("delay ") and float(words.split()[1]) > 300.0
+
+
+@pytest.mark.parametrize("text", [MESSAGES, OWN + "}"])
+def test_what_a_line_shows_of_it_is_called_so(bench, text):
+    words = late_beacon(bench(text), answers=False)
+    assert words.startswith("delay, varying part ")
+
+
+def test_a_delay_that_was_given_is_no_part(bench):
+    b = bench(OWN + ", latency_s: 0.4}")
+    late_beacon(b, answers=False)
+    assert b.status.delay_name == "delay" and b.status.delay_s == pytest.approx(0.4, abs=0.01)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+import re
 
 import pytest
 
@@ -67,6 +68,9 @@ REFUSED = {
     "in motion": (measured(10.0, 0.1, 0.8, 300), 10.0, "spread"),
     "wrong distance": (measured(50.0, 0.1, 0.03, 300), 10.0, "is 10 m right"),
     "drift": ([r_m + 0.0005 * n for n, r_m in enumerate(measured(10.0, 0.1, 0.03, 400))], 10.0, "drift"),
+    "steady drift": ([r_m + 0.01 * n for n, r_m in enumerate(measured(30.0, 0.1, 0.03, 60))], 30.0, "drift by"),
+    "fast drift": ([r_m + 0.005 * n for n, r_m in enumerate(measured(30.0, 0.1, 0.03, 300))], 30.0, "drift by"),
+    "noisy drift": ([r_m + 0.005 * n for n, r_m in enumerate(measured(30.0, 0.1, 0.2, 300))], 30.0, "drift by"),
     "noisy and short": (measured(30.0, 0.1, 0.55, 60), 30.0, "for longer"),
 }
 
@@ -79,8 +83,17 @@ def test_refused_in_words(case):
     assert words in found.verdict() and "nan" not in found.verdict()
 
 
-def test_good_data_is_rarely_refused():
-    refused = [s for s in range(500) if not calibrate(measured(10.0, 0.15, 0.05, 300, s, rho=0.3), 10.0).ok]
+@pytest.mark.parametrize("drift_m_s", [-0.1, 0.1])
+def test_a_drift_is_not_called_a_matter_of_patience(drift_m_s):
+    """Ranges at 10 Hz for 30 s; the error of their mean is inflated by the drift itself."""
+    found = calibrate([r_m + drift_m_s * n / 10.0 for n, r_m in enumerate(measured(60.0, 0.1, 0.05, 300))], 60.0)
+    told = re.search(r"drift by (\S+) m between the halves", found.verdict())
+    assert told and float(told[1]) == pytest.approx(15.0 * drift_m_s, abs=0.03) and "longer" not in found.verdict()
+
+
+@pytest.mark.parametrize("rho", [0.0, 0.3, 0.6])
+def test_good_data_is_rarely_refused(rho):
+    refused = [s for s in range(500) if not calibrate(measured(10.0, 0.15, 0.05, 300, s, rho=rho), 10.0).ok]
     assert len(refused) <= 5
 
 

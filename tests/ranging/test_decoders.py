@@ -95,6 +95,11 @@ class TestLightWare:
     def test_ways_to_say_lost(self):
         assert outcome(decode("lightware", "130.00\r\n-1.00\r\n--.-- m\r\n")) == ["no_reading"] * 3
 
+    def test_the_unit_may_follow_with_a_space_or_without(self):
+        lines = ("98.67", "98.68 m", "98.69m", "--.--m", "-1.00m", "98.67mm", "98.67ft")
+        wanted = [98.67, 98.68, 98.69, "no_reading", "no_reading", "bad_frame", "bad_frame"]
+        assert outcome(decode("lightware", "\r\n".join(lines) + "\r\n")) == wanted
+
     def test_another_value_may_stand_for_lost(self):
         assert outcome(decode("lightware", "130.00\r\n16000.00\r\n99.00\r\n", lost_m=99.0)) == [
             130.0,
@@ -111,6 +116,9 @@ class TestLightWare:
             open_receiver("lightware", Settings(options={"lost_m": value}))
 
 
+CM = (0, 1, 65534, 65535)
+
+
 class TestUsD1:
     def test_a_wrong_checksum_or_version_is_no_reading(self):
         good = UsD1().encode(12.34, 0.0, 0.0)
@@ -122,6 +130,11 @@ class TestUsD1:
         data = UsD1(snr=0xFE).encode(0xFEFE * 0.01, 0.0, 0.0)
         assert data.count(b"\xfe") == 4
         assert outcome(decode("us_d1", data * 3)) == pytest.approx([0xFEFE * 0.01] * 3)
+
+    @pytest.mark.parametrize("snr", [0, 30, 255])
+    def test_a_field_that_is_empty_or_full_is_no_range(self, snr):
+        frames = [bytes((0xFE, 2, cm & 0xFF, cm >> 8, snr, (2 + (cm & 0xFF) + (cm >> 8) + snr) & 0xFF)) for cm in CM]
+        assert outcome(decode("us_d1", b"".join(frames))) == ["no_reading", 0.01, 655.34, "no_reading"]
 
     def test_a_weak_echo_is_rejected_where_that_is_asked_for(self):
         data = UsD1(snr=9).encode(12.34, 0.0, 0.0)
@@ -258,6 +271,9 @@ class TestLines:
             ({"json": {"rate": "r"}}, "where the range is"),
             ({"json": ["r"]}, "map fields to paths"),
             ({"json": {"range": 0}}, "map fields to paths"),
+            ({"json": {"range": "data..d"}}, "the path 'data..d' has an empty step"),
+            ({"json": {"range": "d."}}, "the path 'd.' has an empty step"),
+            ({"json": {"range": "r", 3: "x"}}, "names 3; the fields are range"),
             ({"pattern": "(?P<range>.)", "range_unit": "feet"}, "must be one of m, dm"),
             ({"pattern": "(?P<range>.)", "rate_unit": 3}, "must be one of m/s"),
             ({"pattern": "(?P<range>.)", "time_unit": "min"}, "must be one of s, ms, us"),

@@ -34,6 +34,7 @@ def frame(**changes):
 def receiver(**settings) -> MessageReceiver:
     opened = open_receiver("distance_sensor", Settings(**settings))
     assert isinstance(opened, MessageReceiver)
+    opened.moving = True
     return opened
 
 
@@ -97,10 +98,13 @@ def test_an_autopilots_own_stream_and_its_echo_are_never_flown_on(told):
     assert isinstance(ranging.on_message(*COMPANION, frame(), 7.0), RangeSample)
 
 
-def test_not_even_when_the_configuration_names_the_autopilot():
+def test_where_the_configuration_names_the_autopilot_its_ranges_count_and_nothing_else():
     ranging = receiver(from_=(1, 1))
     ranging.autopilot = (1, 1)
-    assert reason(ranging.on_message(1, 1, frame(), 7.0)) == "wrong_source"
+    assert reason(ranging.on_message(*COMPANION, frame(), 6.9)) == "wrong_source"
+    assert reason(ranging.on_message(1, 1, frame(id=0, orientation=25), 6.9)) == "decoy_orientation"
+    assert isinstance(ranging.on_message(1, 1, frame(id=1), 7.0), RangeSample)
+    assert reason(ranging.on_message(1, 1, frame(id=2), 7.0)) == "wrong_sensor"
 
 
 def test_the_configured_sender_sensor_and_orientation_only():
@@ -161,6 +165,7 @@ def test_the_same_message_twice_counts_once_and_an_older_one_does_not():
 
 def test_a_sender_that_reboots_is_believed_again():
     ranging = receiver()
+    ranging.moving = False
     for n in range(50):
         assert isinstance(
             ranging.on_message(*COMPANION, frame(time_boot_ms=90_000 + 100 * n), 7 + 0.1 * n), RangeSample
@@ -171,9 +176,18 @@ def test_a_sender_that_reboots_is_believed_again():
     assert len(accepted) >= 8
 
 
-def test_the_same_centimetres_for_long_are_no_fault_of_a_coarse_sensor():
+def test_the_same_centimetres_for_three_seconds_of_flight_are_a_fault_without_asking():
     ranging = receiver()
-    for n in range(200):
+    for n in range(50):
+        assert isinstance(ranging.on_message(*COMPANION, frame(current_distance=1000 + n), 2.0 + 0.1 * n), RangeSample)
+    results = [ranging.on_message(*COMPANION, frame(), 7.0 + 0.1 * n) for n in range(40)]
+    assert [isinstance(r, RangeSample) for r in results] == [True] * 31 + [False] * 9
+    assert reason(results[-1]) == "stuck"
+
+
+def test_the_same_centimetres_for_long_are_no_fault_where_stuck_s_is_0():
+    ranging = receiver(stuck_s=0.0)
+    for n in range(700):
         assert isinstance(ranging.on_message(*COMPANION, frame(), 7.0 + 0.1 * n), RangeSample)
 
 

@@ -52,15 +52,15 @@ def good(source: MessageSource, **changes: Any) -> Any:
 
 
 @sources
-@pytest.mark.parametrize("sender", [(42, 1), (255, 0), (255, 190), (1, 158)])
-def test_any_sender_that_is_named_is_believed_but_the_autopilot_that_is_flown(source, sender):
-    for autopilot in (None, (1, 1), (7, 1)):
+@pytest.mark.parametrize("sender", [(1, 1), (42, 1), (255, 0), (255, 190), (1, 158)])
+def test_any_sender_that_is_named_is_believed_and_nobody_else(source, sender):
+    for autopilot in (None, (1, 1), (7, 1), sender):
         opened = receiver(source, from_=sender)
         opened.autopilot = autopilot
         assert isinstance(opened.on_message(*sender, good(source), 7.0), RangeSample)
-    opened.autopilot = sender
-    rejected = opened.on_message(*sender, good(source), 8.0)
-    assert isinstance(rejected, Rejected) and rejected.reason == Reason.WRONG_SOURCE
+        for other in {(1, 1), (7, 1), (1, 191)} - {sender}:
+            rejected = opened.on_message(*other, good(source), 8.0)
+            assert isinstance(rejected, Rejected) and rejected.reason == Reason.WRONG_SOURCE
 
 
 @sources

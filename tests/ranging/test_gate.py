@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import random
 
 import pytest
 
@@ -108,3 +109,68 @@ def test_stuck_is_not_judged_at_rest():
     assert {judge(gate, 10.0 + 0.1 * n, moving=False) for n in range(100)} == {None}
     assert judge(gate, 20.1) is None
     assert judge(gate, 23.0) is None
+
+
+def test_what_is_stuck_stays_so_at_rest_until_the_value_changes():
+    gate = Gate(LIMITS)
+    assert [judge(gate, 10.0 + 0.5 * n) for n in range(7)][-2:] == ["stuck"] * 2
+    assert {judge(gate, 14.0 + 0.5 * n, moving=False) for n in range(100)} == {"stuck"}
+    assert judge(gate, 64.0, range_m=50.01, moving=False) is None
+    assert {judge(gate, 64.5 + 0.5 * n, range_m=50.01, moving=False) for n in range(20)} == {None}
+
+
+def by_itself():
+    """Return a gate that is told nothing of values that stand."""
+    return Gate(Limits())
+
+
+def stuck_after_s(gate, start_s, range_m, period_s=0.1):
+    """Return how long a value that never changes again is believed, s."""
+    for n in range(2000):
+        if judge(gate, start_s + n * period_s, range_m=range_m) == "stuck":
+            return n * period_s
+    return INF
+
+
+@pytest.mark.parametrize("sigma_m", [0.02, 0.1, 0.3, 2.0])
+def test_a_radio_whose_noise_is_seen_in_its_steps_is_stuck_after_three_seconds(sigma_m):
+    gate, draw = by_itself(), random.Random(f"stuck {sigma_m}")
+    for n in range(600):
+        assert judge(gate, 10.0 + 0.1 * n, range_m=round(draw.gauss(50.0, sigma_m), 2)) is None
+    assert 3.0 < stuck_after_s(gate, 70.0, 51.0) < 8.0
+
+
+@pytest.mark.parametrize("step_m", [0.001, 0.01, 0.1, 1.0])
+def test_a_noiseless_range_that_stops_in_the_approach_is_stuck_after_three_seconds(step_m):
+    gate, last = by_itself(), NAN
+    for n in range(300):  # 20 m/s
+        assert judge(gate, 10.0 + 0.1 * n, range_m=(last := step_m * round((900.0 - 2.0 * n) / step_m))) is None
+    assert stuck_after_s(gate, 40.0, last) == pytest.approx(3.0, abs=0.11)
+
+
+@pytest.mark.parametrize("settling_s", [6.0, 12.0, 24.0, 40.0])
+@pytest.mark.parametrize("step_m", [0.001, 0.01, 0.1, 1.0])
+def test_a_noiseless_range_may_come_to_rest_on_the_circle(step_m, settling_s):
+    """r = 50 + 100 exp(-t / T) in steps: the last value never changes. It is borne for a minute, and not for ever."""
+    gate, rested_s = by_itself(), settling_s * math.log(100.0 / (0.5 * step_m))
+    for n in range(int((rested_s + 55.0) * 10.0)):
+        t_s = 0.1 * n
+        range_m = step_m * round((50.0 + 100.0 * math.exp(-t_s / settling_s)) / step_m)
+        assert judge(gate, 10.0 + t_s, range_m=range_m) is None
+    assert stuck_after_s(gate, 10.0 + rested_s + 55.0, 50.0) < 10.0
+
+
+def test_a_value_that_was_stuck_teaches_nothing():
+    gate = by_itself()
+    for start_s in (10.0, 100.0):
+        for n in range(10):
+            assert judge(gate, start_s + 0.1 * n, range_m=80.0 - 0.5 * n) is None
+        assert stuck_after_s(gate, start_s + 1.0, 10.0) == pytest.approx(3.1)
+        assert {judge(gate, start_s + 4.2 + 0.1 * n, range_m=10.0) for n in range(500)} == {"stuck"}
+
+
+def test_a_value_that_is_sent_again_and_again_is_stuck_after_ten_times_as_long():
+    gate = by_itself()
+    for n in range(400):  # one measurement in half a second, sent ten times
+        assert judge(gate, 10.0 + 0.05 * n, range_m=200.0 - 2.5 * (n // 10)) is None
+    assert stuck_after_s(gate, 30.0, 10.0, 0.05) == pytest.approx(5.05)

@@ -135,6 +135,47 @@ def test_rc_loss_that_is_excepted_is_told():
     assert found["COM_RCL_EXCEPT"].severity is WARNING
 
 
+def ranging_row(source: str, pieces: list[bytes]):
+    """Return (the row on the range, the table as printed) after ten seconds of a device of its own."""
+    audit = Audit(config(ranging={"source": source, "endpoint": "udpin://127.0.0.1:14560"}))
+    for n, piece in enumerate(pieces):
+        audit.receive(piece, 0.1 * n, ranging=True)
+    findings = audit.findings(10.0)
+    return next(f for f in findings if f.what == "range"), list(table(findings))
+
+
+@pytest.mark.parametrize("count", [1, 2, 12])
+def test_every_error_that_is_counted_is_printed(count):
+    """Few bytes of a device that says nothing sensible."""
+    row, lines = ranging_row("us_d1", [b"\x01"] * count)
+    assert row.severity is ERROR and f"only {count} bytes" in row.text
+    assert sum(line.startswith("ERROR") for line in lines) == int(lines[-1].split()[2])
+
+
+def test_few_ranges_are_told_with_what_befell_the_others():
+    row, _ = ranging_row("lightware", [b"50.00\r\n"] + [b"130.00\r\n"] * 100)
+    assert row.severity is WARNING and "only 0.0 Hz, 100 rejected, most of them no_reading (100)" in row.text
+
+
+def test_few_ranges_and_then_nothing_are_told_so():
+    row, _ = ranging_row("lightware", [b"50.00\r\n"])
+    assert row.severity is WARNING and "nothing more is heard on udpin://127.0.0.1:14560" in row.text
+
+
+def test_a_radio_s_own_link_is_not_signed_and_it_is_asked_for_its_clock_alone():
+    from circumnav_mav.mavlink.signing import Signer
+
+    own = {"endpoint": "udpin://127.0.0.1:14560"}
+    audit = Audit(config(ranging=own), Signer(bytes(32), 0))
+    mav = mavlink.MAVLink(None, 1, 158)
+    for n in range(100):
+        message = mavlink.MAVLink_distance_sensor_message(1000 + 100 * n, 10, 60000, 5000 + n, 0, 7, 0, 255)
+        audit.receive(message.pack(mav), 0.1 * n, ranging=True)
+    asked = [mavlink.MAVLink(None).decode(bytearray(f)) for n in range(100) for f in audit.questions(0.1 * n)]
+    assert len(asked) == 10 and {(m.get_type(), m.tc1, m.get_srcComponent()) for m in asked} == {("TIMESYNC", 0, 191)}
+    assert next(f for f in audit.findings(10.0) if f.what == "range").severity is OK
+
+
 def test_nothing_on_the_link_is_an_error_with_what_to_check():
     audit = Audit(config())
     audit.tick(0.0)
