@@ -18,7 +18,12 @@ loses flights by the dozen (docs/estimation.md, which one do I choose)."""
 BELIEVED = 1.0 / 3.0
 """Share of the speed above which what a tilt is believed to make of it is too wrong (docs/vehicles.md)."""
 
-CURE = "law tangent on estimator drift does not (README, docs/estimation.md)"
+
+def _cure(config: Config) -> str:
+    bears_m_s = HARDLY * config.orbit.speed_m_s
+    if (config.study.wind_m_s or 0.0) > bears_m_s:
+        return f"law tangent on estimator drift bears {bears_m_s:.3g} m/s, and no more: fly faster"
+    return "law tangent on estimator drift does not (README, docs/estimation.md)"
 
 
 def drifting(config: Config) -> Iterator[Finding]:
@@ -35,7 +40,7 @@ def _knows_no_wind(config: Config) -> Finding:
     law, wind_m_s = config.law.name, config.study.wind_m_s
     lost = wind_m_s is not None and wind_m_s >= LOST_SHARE * config.orbit.speed_m_s
     here = f", and study.wind_m_s is {wind_m_s:g}" if lost else ""
-    text = f"law {law} loses the target in wind above about a quarter of the speed{here}: {CURE}"
+    text = f"law {law} loses the target in wind above about a quarter of the speed{here}: {_cure(config)}"
     return Finding("error" if lost else "warning", "law", text)
 
 
@@ -45,8 +50,8 @@ def _target_moves(config: Config) -> Iterator[Finding]:
     if wind_m_s is not None and wind_m_s > LOSES_IN * config.orbit.speed_m_s:
         text = (
             f"if study.wind_m_s = {wind_m_s:g} is the speed of the target: law {config.law.name} loses flights about "
-            f"one that goes faster than about a fifth of the vehicle's {config.orbit.speed_m_s:g} m/s, and {CURE}; "
-            "if it is wind, the autopilot holds the speed over the ground, and nothing is lost"
+            f"one that goes faster than about a fifth of the vehicle's {config.orbit.speed_m_s:g} m/s, and "
+            f"{_cure(config)}; if it is wind, the autopilot holds the speed over the ground, and nothing is lost"
         )
         yield Finding("warning", "law", text)
 

@@ -191,7 +191,7 @@ def _wind(f: Flight) -> Iterator[Finding]:
         [plain] = _wind_plain(f)
         text = (
             f"{plain.text}: above {LOSES_IN:g} of the speed this law loses some flights downwind, whatever the gain; "
-            "law tangent on estimator drift does not"
+            "law tangent on estimator drift does not up to 0.8"
         )
         yield Finding("warning", "wind", text)
         return

@@ -131,6 +131,19 @@ def test_check_says_where_tangent_loses_the_target_too(kind, share, severity):
     assert (found["law"].severity if "law" in found else None) == severity
 
 
+def test_check_names_no_cure_where_there_is_none():
+    """tangent on drift, too, has its end, at 0.8 of the speed."""
+    for kind, wind_m_s, cured in (
+        ("px4_multirotor", 2.0, True),
+        ("px4_multirotor", 40.0, False),
+        ("arduplane", 4.5, False),
+    ):
+        base = {"vehicle": {"class": kind}, "orbit": {"radius_m": 100.0, "speed_m_s": 5.0}}
+        told = check(**base, study={"wind_m_s": wind_m_s}, law={"name": "hashemi2013"}, estimator={"name": "direct"})
+        assert ("law tangent on estimator drift does not" in told["law"].text) is cured
+        assert ("bears 4 m/s, and no more" in told["law"].text) is not cured
+
+
 @pytest.mark.soak  # both pairs are compiled
 def test_the_default_multirotor_does_lose_a_target_that_moves_and_tangent_does_not():
     """What the warning says, flown: a target at 0.4 of the speed, and one at 0.2."""
