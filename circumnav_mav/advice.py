@@ -1,24 +1,15 @@
-"""Which estimator suits a vehicle, and what the chosen one means for the gain: part of `circumnav check`."""
+"""Which estimator suits a vehicle, what its height means, and who takes over: part of `circumnav check`."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from math import ceil, inf, isnan, nan, sqrt
+from collections.abc import Iterator
+from math import ceil, sqrt
 
 from circumnav_mav.config import Config, guidance_settings
-from circumnav_mav.guidance import sampling
 from circumnav_mav.guidance.barrier import least_room_m
 from circumnav_mav.guidance.computer import band_of
-from circumnav_mav.guidance.estimators import ESTIMATORS
-from circumnav_mav.guidance.estimators.flying import TRAIL_S
-from circumnav_mav.guidance.estimators.gate import believed_s
-from circumnav_mav.guidance.kernel import EstimatorContext
-from circumnav_mav.guidance.lag import loop_of
-from circumnav_mav.guidance.laws import LAWS
-from circumnav_mav.guidance.laws.hashemi2013 import DEFAULT_KAPPA
 from circumnav_mav.guidance.slant import least_level
 from circumnav_mav.guidance.verdict import Finding
-from circumnav_mav.ranging import SOURCES
 
 SUITS = {
     "air": (
@@ -59,136 +50,6 @@ def suits(config: Config) -> Iterator[Finding]:
             f"raise orbit.r_max_m to {ceil(least_m)} m, or leave it out"
         )
         yield Finding("warning", "band", text)
-
-
-def _period_s(config: Config) -> tuple[float, str]:
-    """Return how far apart ranges come, s, and which key says so."""
-    if "range_rate_hz" in config.study.model_fields_set:
-        return 1.0 / config.study.range_rate_hz, "study.range_rate_hz"
-    return config.ranging.max_age_s, "ranging.max_age_s"
-
-
-def seldom(config: Config) -> Iterator[Finding]:
-    """Yield a warning where every range is stale before the next one comes."""
-    period_s, whose = _period_s(config)
-    if period_s > config.ranging.max_age_s:
-        text = (
-            f"one range in {period_s:.3g} s ({whose}) is stale before the next: after ranging.max_age_s = "
-            f"{config.ranging.max_age_s:g} s the flight counts as coasting; raise it, or take a quicker sensor"
-        )
-        yield Finding("warning", "seldom", text)
-
-
-def jumps(config: Config) -> Iterator[Finding]:
-    """Yield a warning where the range is lost before a beacon that was moved is believed: gate.py votes meanwhile."""
-    coast_s, needed_s = config.ranging.coast_s, believed_s(1.0 / config.study.range_rate_hz)
-    if config.estimator.name != "raw" and coast_s < needed_s:
-        text = (
-            f"ranging.coast_s = {coast_s:.3g} s is over before ranges that contradict the estimate, from a beacon that "
-            f"was moved, say, are believed ({needed_s:.3g} s with {config.study.range_rate_hz:g} ranges a second): the "
-            f"range is lost first; {needed_s + config.ranging.max_age_s:.3g} s is enough"
-        )
-        yield Finding("warning", "jumps", text)
-
-
-def rate_of_ranges(config: Config, kappa: float, lag_s: float) -> Iterator[Finding]:
-    """Yield how the rate of ranges and the filter bound the gain of the paper's law.
-
-    Reckoned with are the ranges of study.range_rate_hz, where the file gives it; else the slowest that still count as
-    fresh, one in ranging.max_age_s.
-    """
-    orbit, (slowest_s, whose) = config.orbit, _period_s(config)
-    r_a, V = orbit.radius_m, orbit.speed_m_s
-    if config.estimator.name == "raw":
-        measured = SOURCES[config.ranging.source].has_rate
-        bears_s = sampling.slowest_period_s(r_a, kappa, V, lag_s, measured)
-        most = sampling.largest_kappa(r_a, V, lag_s + sampling.held_s(slowest_s, measured))
-        text = (
-            f"raw holds a rate between ranges: kappa {kappa:.3g} bears them {max(bears_s, 0.0):.3g} s apart at most; "
-            f"{slowest_s:.3g} s apart ({whose}), only kappa below {most:.3g}"
-        )
-        yield Finding("warning" if bears_s < slowest_s else "info", "range_rate", text)
-        return
-    text = (
-        f"{config.estimator.name} carries ranges on by the turn that was flown: however seldom they come, they add "
-        "nothing to the lag of the loop"
-    )
-    if config.estimator.name != "direct":
-        yield Finding("info", "range_rate", text)
-        return
-    context = EstimatorContext(r_a, V, config.turn_rate_limit_rad_s)
-    noise = ESTIMATORS["direct"].parameters(config.estimator.options, context).q
-    late_s = sampling.filter_lag_s(config.ranging.sigma_m, sqrt(noise), slowest_s)
-    most = sampling.kappa_of_use(r_a, V, late_s)
-    text += (
-        f"; one in {slowest_s:.3g} s follows wind {late_s:.2g} s late, and kappa above {most:.3g} gains nothing then"
-    )
-    yield Finding("warning" if kappa > most else "info", "range_rate", text)
-
-
-GAINS = {
-    "pd_bias": ("kappa", 0.9),
-    "tangent": ("gain_per_s", 0.9),
-    "sliding_mode": ("layer_share", 1.1),
-    "cao2013_saturated": ("layer_share", 1.1),
-}
-"""What calms a law, and the factor of a step of it. The paper's family has a bound of its own (verdict.py)."""
-CALM, MOST_STEPS = 0.5, 40
-"""Share of the dead time borne from where on the circle swings; steps of the gain that a cure is looked for in."""
-
-
-def bears_lag(config: Config, late_s: float) -> Iterator[Finding]:
-    """Yield how much lag the law bears with its options, taken from its kernel: lag.py.
-
-    late_s: dead time in the loop besides the lag of the turn rate, s. A law with a layer weaves where it is unstable,
-    and stays near the circle: that is a warning. Any other leaves it.
-    """
-    name, lag_s, V = config.law.name, config.turn_lag_s, config.orbit.speed_m_s
-    if config.estimator.name == "raw":
-        late_s += sampling.held_s(1.0 / config.study.range_rate_hz, SOURCES[config.ranging.source].has_rate)
-    law, context = LAWS[name], config.law_context()
-
-    def share(options: Mapping[str, float]) -> tuple[float, float, float]:
-        loop = loop_of(law, law.parameters({**law.options, **options}, context), config.orbit.radius_m, V)
-        most_s = loop.dead_time_s(lag_s)
-        return max(lag_s / loop.lag_s(), late_s / most_s if most_s > 0.0 else inf), loop.lag_s(), most_s
-
-    used, borne_s, beside_s = share(config.law.options)
-    text = (
-        f"law {name} as set bears a turn rate that lags by {borne_s:.3g} s, or beside the vehicle's lag of {lag_s:.2g} "
-        f"s a dead time of {beside_s:.2g} s; here it is {late_s:.2g} s"
-    )
-    if used <= CALM:
-        yield Finding("info", "lag", text)
-        return
-    key, factor = GAINS[name]
-    value = config.law.options.get(key, nan)
-    value = start = (DEFAULT_KAPPA if key == "kappa" else law.options[key]) if isnan(value) else value
-    for _ in range(MOST_STEPS):
-        value *= factor
-        try:
-            calm = share({**config.law.options, key: value})[0] <= CALM
-        except ValueError:
-            break
-        if calm:
-            text += f": {key} {value:.2g} in place of {start:.2g} is calm"
-            break
-    if used < 1.0:
-        yield Finding("warning", "lag", f"the circle will swing: {text}")
-    elif "layer_share" in law.options:
-        yield Finding("warning", "lag", f"the vehicle will weave about the circle: {text}")
-    else:
-        yield Finding("error", "lag", f"the circle is unstable: {text}")
-
-
-def ages(config: Config) -> Iterator[Finding]:
-    """Yield a warning where ranging.max_age_s allows what the estimator cannot place any more."""
-    if config.ranging.max_age_s > TRAIL_S:
-        text = (
-            f"a range that comes more than {TRAIL_S:g} s late is not used, though ranging.max_age_s allows "
-            f"{config.ranging.max_age_s:g} s: what was flown is remembered no longer"
-        )
-        yield Finding("warning", "age", text)
 
 
 STEEP = 1.0 / 3.0
@@ -251,19 +112,3 @@ def _as_horizontal(radius_m: float, height_m: float | None) -> Finding:
         f"{sqrt(radius_m**2 - example_m**2):.1f} m instead of {radius_m:g}; {to_do}"
     )
     return Finding("warning" if height_m is not None and height_m >= STEEP * radius_m else "info", "slant", text)
-
-
-LOST_SHARE = 1.0 / 3.0
-"""Wind, as a share of the speed, in which every law but tangent lost flights (docs/estimation.md, R_wind5)."""
-
-
-def drifting(config: Config) -> Iterator[Finding]:
-    """Yield a warning, or with a strong wind an error, where the vehicle drifts and the law knows no wind."""
-    law, wind_m_s = config.law.name, config.study.wind_m_s
-    if config.vehicle_class.speed == "ground" or law == "tangent":
-        return
-    cure = "law tangent on estimator drift does not (README, docs/estimation.md)"
-    lost = wind_m_s is not None and wind_m_s >= LOST_SHARE * config.orbit.speed_m_s
-    here = f", and study.wind_m_s is {wind_m_s:g}" if lost else ""
-    text = f"law {law} loses the target in wind above about a quarter of the speed{here}: {cure}"
-    yield Finding("error" if lost else "warning", "law", text)

@@ -5,15 +5,18 @@ from __future__ import annotations
 from collections.abc import Iterator
 from math import nan, radians
 
-from circumnav_mav.advice import ages, bears_lag, drifting, handing_over, jumps, rate_of_ranges, seldom, slant, suits
+from circumnav_mav.advice import handing_over, slant, suits
 from circumnav_mav.config import Config, Limits, Ranging, Vehicle
 from circumnav_mav.config_defaults import told
 from circumnav_mav.guidance.estimators import ESTIMATORS
 from circumnav_mav.guidance.laws import LAWS
 from circumnav_mav.guidance.laws.hashemi2013 import DEFAULT_KAPPA, gain
 from circumnav_mav.guidance.verdict import Finding, Flight, Severity, report, report_plain, verdict
+from circumnav_mav.lag_advice import bears_lag, told_by_its_loop
+from circumnav_mav.range_advice import ages, carried_far, jumps, rate_of_ranges, seldom
 from circumnav_mav.ranging import SOURCES, MessageSource, carried
 from circumnav_mav.ranging.plug import Source
+from circumnav_mav.wind_advice import drifting
 
 PROVEN = "hashemi2013"
 """The law that the paper's recurrence bound is about: its outer half alone has none."""
@@ -54,8 +57,9 @@ def findings(config: Config) -> list[Finding]:
         found += rate_of_ranges(config, kappa, flight.lag_s + 0.5 * flight.update_s)
     else:
         found += bears_lag(config, abs(config.vehicle_class.lead_s - config.lead_s) + 0.5 * flight.update_s)
+        found += told_by_its_loop(config)
     found += [*suits(config), *drifting(config), *slant(config), *ages(config), *seldom(config), *jumps(config)]
-    found += [*handing_over(config), *idle]
+    found += [*carried_far(config), *handing_over(config), *idle]
     return sorted(found, key=lambda finding: list(MARK).index(finding.severity))
 
 

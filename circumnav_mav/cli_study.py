@@ -106,6 +106,8 @@ def compare(
         best_law, best_estimator = study_compare.BEST
         laws = law or (list(LAWS) if everything else [best_law])
         estimators = estimator or (list(ESTIMATORS) if everything else [best_estimator])
+        for line in [] if everything else study_compare.left_out(laws, estimators):
+            typer.echo(line, err=True)
         rows: list[study_compare.Row] = []
         with executor(scheduler) as pool, bar.shown("flying") as above:
 

@@ -60,6 +60,17 @@ def _no_boolean(value: Any) -> Any:
     return value
 
 
+LEAST, MOST = 1e-6, 1e9
+"""Sizes between which every number of a file lies that is not 0: nothing that flies needs others, and the arithmetic
+of `check` and of the estimators ends far beyond."""
+
+
+def _sane(value: float) -> float:
+    if value != 0.0 and not LEAST <= abs(value) <= MOST:
+        raise ValueError(f"must be 0, or between {LEAST:g} and {MOST:g} in size, not {value:g}")
+    return value
+
+
 def _height(value: Any) -> Any:
     if value is None or value == "auto":
         return value
@@ -69,12 +80,12 @@ def _height(value: Any) -> Any:
         height_m = nan
     if not isfinite(height_m):
         raise ValueError(f"must be a height in m, auto or null, not {value!r}")
-    return height_m
+    return _sane(height_m)
 
 
 Link = Annotated[str, AfterValidator(_link)]
 RangingEndpoint = Annotated[str, AfterValidator(_source)]
-Finite = Annotated[FiniteFloat, BeforeValidator(_no_boolean)]
+Finite = Annotated[FiniteFloat, BeforeValidator(_no_boolean), AfterValidator(_sane)]
 Whole = Annotated[int, BeforeValidator(_no_boolean)]
 Positive = Annotated[Finite, Field(gt=0)]
 NotNegative = Annotated[Finite, Field(ge=0)]
@@ -135,9 +146,9 @@ class Ranging(Section):
 class Orbit(Section):
     """The circle to fly."""
 
-    radius_m: Positive = 50.0
+    radius_m: Annotated[Finite, Field(ge=0.1, le=100_000.0)] = 50.0
     direction: Literal["clockwise", "anticlockwise"] = "clockwise"
-    speed_m_s: Positive = 5.0
+    speed_m_s: Annotated[Finite, Field(ge=0.01, le=1000.0)] = 5.0
     height_m: Positive | None = None
     r_min_m: Positive | None = None
     r_max_m: Positive | None = None
@@ -154,6 +165,12 @@ class Named(BaseModel):
     def options(self) -> dict[str, float]:
         """Return what the file gives beside the name."""
         return dict(self.__pydantic_extra__ or {})
+
+
+def _named(value: Any) -> Any:
+    if isinstance(value, str):
+        raise ValueError(f"write {{name: {value}}}")
+    return value
 
 
 class LawChoice(Named):
@@ -221,8 +238,8 @@ class Config(Section):
     vehicle: Vehicle = Vehicle()  # type: ignore[call-arg]
     ranging: Ranging = Ranging()  # type: ignore[call-arg]
     orbit: Orbit = Orbit()
-    law: LawChoice = Field(default=...)
-    estimator: EstimatorChoice = Field(default=...)
+    law: Annotated[LawChoice, BeforeValidator(_named)] = Field(default=...)
+    estimator: Annotated[EstimatorChoice, BeforeValidator(_named)] = Field(default=...)
     limits: Limits = Limits()  # type: ignore[call-arg]
     safety: Safety = Safety()
     loop: Loop = Loop()

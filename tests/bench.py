@@ -219,6 +219,11 @@ def estimators() -> None:
         print(
             f"  {one.estimator:7s} {figures}" + (f"   (wanted: an update in {wanted:g} us or less)" if wanted else "")
         )
+    print("entries of tangent on drift: how long more than 6 hypotheses are kept; updates meanwhile, median and 99 %")
+    for entry in cost.entry_costs():
+        least_s, median_s, most_s = entry.open_s
+        figures = ", ".join(f"{us:.0f} us ({us / yardstick:.1f})" for us in (entry.open_us, entry.worst_us))
+        print(f"  {entry.name}: {median_s:.0f} s ({least_s:.0f} to {most_s:.0f}); {figures}")
     print(f"  in brackets: in packings of an ATTITUDE by pymavlink, {yardstick:.1f} us on this machine, now")
 
 

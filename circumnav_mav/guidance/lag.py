@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from cmath import phase
 from dataclasses import dataclass
-from math import cos, inf, pi
+from math import cos, hypot, inf, pi
 from typing import Any
 
 from circumnav_mav.guidance.kernel import Estimate, Law
@@ -22,8 +22,9 @@ from circumnav_mav.guidance.kernel import Estimate, Law
 STEP = 1e-5
 """Of the differences, as a share of the radius, of 1 rad and of V / r_a."""
 
-SLOWEST, FASTEST, POINTS = 1.001, 1e4, 4000
-"""Angular frequencies that are looked at for crossings, in V / r_a; evenly in their logarithm."""
+NEAREST, FARTHEST, RATIO = 1e-6, 1e9, 1.02
+"""Angular frequencies that are looked at for crossings: so far above V / r_a, in V / r_a, and each so many times as far
+as the one before. A loop that is still above 1 at the end bears no dead time that anything could keep."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,14 +46,32 @@ class Loop:
         if lag_s >= self.lag_s():
             return 0.0
         least = 0.0 if lag_s <= 0.0 and abs(self.k_u) >= 1.0 else inf  # it answers the turn it hears of with more of it
-        w, ratio = SLOWEST * self.omega, (FASTEST / SLOWEST) ** (1.0 / POINTS)
-        now = self._gain(w, lag_s)
-        for _ in range(POINTS):
-            w, before = w * ratio, now
-            now = self._gain(w, lag_s)
-            if (abs(before) - 1.0) * (abs(now) - 1.0) < 0.0:
-                least = min(least, phase(now) % (2.0 * pi) / w)
-        return least
+        far, above = NEAREST, True
+        while far < FARTHEST:
+            if (abs(self._gain((1.0 + far) * self.omega, lag_s)) > 1.0) is not above:
+                w, above = self._crossing(far / RATIO, far, lag_s), not above
+                least = min(least, phase(self._gain(w, lag_s)) % (2.0 * pi) / w)
+            far *= RATIO
+        return 0.0 if above else least
+
+    def shift_m(self, wind_m_s: float) -> float:
+        """Return how far [m] wind moves the circle, to the first order, for a law on exact range and range rate.
+
+        rho'' - K_theta rho' + (omega^2 - K_r V) rho = 2 W omega sin(chi), chi' = -omega, as in feasibility.orbit_shift.
+        """
+        stiffness = hypot(self.k_r * self.V, self.omega * self.k_theta)
+        return 2.0 * wind_m_s * self.omega / stiffness if stiffness > 0.0 else inf
+
+    def _crossing(self, low: float, high: float, lag_s: float) -> float:
+        """Return the angular frequency between two (as NEAREST counts) at which |G| passes 1, by bisection."""
+        above = abs(self._gain((1.0 + low) * self.omega, lag_s)) > 1.0
+        for _ in range(30):
+            middle = 0.5 * (low + high)
+            if (abs(self._gain((1.0 + middle) * self.omega, lag_s)) > 1.0) is above:
+                low = middle
+            else:
+                high = middle
+        return (1.0 + low) * self.omega
 
     def _gain(self, w: float, lag_s: float) -> complex:
         answer = self.k_u + (self.k_r * self.V + 1j * w * self.k_theta) / (self.omega**2 - w * w)

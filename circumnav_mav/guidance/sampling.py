@@ -45,3 +45,20 @@ def filter_lag_s(sigma_m: float, accel_m_s2: float, period_s: float) -> float:
 def kappa_of_use(r_a: float, V: float, lag_s: float) -> float:
     """Return the gain with k V T = 1 for the filter's lag T: above it wind shifts the orbit no less."""
     return r_a / (V * lag_s)
+
+
+MOST_TURN_RAD = {"drift": 0.75, "polar": 0.4}
+"""How far the sight may turn between two ranges, the tail wind counted in. Measured: docs/estimation.md."""
+
+MOST_RMS_SHARE = 0.07
+"""drift_rms_m over r_a (1 - wind / V) from which `drift` lost flights. Measured likewise."""
+
+
+def drift_rms_m(r_a: float, V: float, sigma_m: float, period_s: float, gust_share: float) -> float:
+    """Return the rms [m] of `tangent` on `drift` on its circle: 1.4 (q_w rho^3)^(1/8), rho = sigma^2 T.
+
+    gust_share: the estimator's option; q_w = gust_share^2 V^3 / r_a is what drives its drift. The form is that of a
+    position known through a wandering rate (the eighth root of 4 q rho^3), the 1.4 is measured: docs/estimation.md.
+    """
+    q_w, rho = (gust_share * V) ** 2 * V / r_a, sigma_m**2 * period_s
+    return 1.4 * sqrt(sqrt(sqrt(q_w * rho**3)))

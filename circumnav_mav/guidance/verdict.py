@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from math import degrees, isfinite, nan, pi
+from math import degrees, inf, isfinite, nan, pi, sqrt, tan
 from typing import Literal
 
 from circumnav_mav.guidance import feasibility as theory
@@ -14,6 +14,8 @@ Severity = Literal["info", "warning", "error"]
 
 LOSES_IN = 0.2
 """Wind over speed from where the paper's law is known to lose flights (docs/estimation.md, docs/tuning.md)."""
+RESERVE = 0.2
+"""Wind over speed that a circle should bear where nobody says how much it blows."""
 MOST_LAPS = 100.0
 """A bound on the mean time above this many laps is not worth a line."""
 
@@ -110,16 +112,35 @@ def _turn_rate(f: Flight) -> Iterator[Finding]:
 
 
 def _bank(f: Flight) -> Iterator[Finding]:
-    if not isfinite(f.bank_limit):
-        return
-    wind = f.wind if isfinite(f.wind) else 0.0
-    calm, windy = (theory.least_orbit_radius(f.V, f.bank_limit, w) for w in (0.0, wind))
-    bank = f"a bank of {degrees(f.bank_limit):.3g} deg at {f.V:.3g} m/s"
-    if calm > f.r_a:
-        yield Finding("error", "bank", f"{bank} holds no circle below {calm:.4g} m; the orbit is {f.r_a:.4g} m")
-    elif windy > f.r_a:
-        text = f"{bank} holds no circle below {windy:.4g} m downwind in {wind:.3g} m/s; the orbit is {f.r_a:.4g} m"
+    limit = theory.GRAVITY_M_S2 * tan(f.bank_limit) / f.V if isfinite(f.bank_limit) else inf
+    by = f"a bank of {degrees(f.bank_limit):.3g} deg at {f.V:.3g} m/s"
+    if f.V / limit > f.r_a:
+        text = f"{by} holds no circle below {f.V / limit:.4g} m; the orbit is {f.r_a:.4g} m"
         yield Finding("error", "bank", text)
+        return
+    if f.turn_rate_limit < limit * (1.0 - 1e-9):
+        limit = f.turn_rate_limit
+        by = f"a turn rate of {limit:.3g} rad/s at {f.V:.3g} m/s"
+    if isfinite(limit) and f.V / limit <= f.r_a and not f.over_ground:
+        yield from _circle_in_wind(f, limit, by)
+
+
+def _circle_in_wind(f: Flight, limit: float, by: str) -> Iterator[Finding]:
+    """Yield what the turn-rate limit [rad/s], words: `by`, leaves for wind: the sharpest place is downwind."""
+    most = sqrt(limit * f.V * f.r_a) - f.V
+    if f.wind > most:
+        needed = (f.V + f.wind) ** 2 / (f.V * limit)
+        text = f"{by} holds no circle below {needed:.4g} m downwind in {f.wind:.3g} m/s; the orbit is {f.r_a:.4g} m"
+        yield Finding("error", "bank", text)
+    elif most >= f.V:
+        yield Finding("info", "bank", f"{by} holds this circle in any wind that the vehicle can fly against")
+    else:
+        text = f"{by} holds this circle in wind up to {most:.3g} m/s"
+        scant = most < RESERVE * f.V and not isfinite(f.wind)
+        if scant:
+            least_m = (1.0 + RESERVE) ** 2 * f.V / limit
+            text += f"; for a fifth of the speed fly {least_m:.4g} m or wider, or say the strongest: study.wind_m_s"
+        yield Finding("warning" if scant else "info", "bank", text)
 
 
 def _timing(f: Flight) -> Iterator[Finding]:
@@ -149,8 +170,11 @@ def _wind_plain(f: Flight) -> Iterator[Finding]:
     if not isfinite(f.wind) or f.wind <= 0.0:
         return
     if f.over_ground:
-        text = f"a steady wind of {f.wind:.3g} m/s moves nothing here: the autopilot holds the speed over the ground"
-        yield Finding("info", "wind", text)
+        text = (
+            f"a steady wind of {f.wind:.3g} m/s moves nothing here, if the autopilot can hold the speed over the "
+            f"ground: against the wind that is {f.V + f.wind:.3g} m/s through the air"
+        )
+        yield Finding("warning" if f.wind >= f.V else "info", "wind", text)
     elif f.wind >= f.V:
         text = f"a wind of {f.wind:.3g} m/s is as fast as the vehicle ({f.V:.3g}): no orbit over the ground can be held"
         yield Finding("error", "wind", text)
@@ -160,14 +184,14 @@ def _wind_plain(f: Flight) -> Iterator[Finding]:
 
 
 def _wind(f: Flight) -> Iterator[Finding]:
-    if not 0.0 < f.wind < f.V:
+    if not 0.0 < f.wind < f.V or (f.over_ground and f.wind > LOSES_IN * f.V):
         yield from _wind_plain(f)
         return
-    if f.wind > LOSES_IN * f.V and not f.over_ground:
+    if f.wind > LOSES_IN * f.V:
         [plain] = _wind_plain(f)
         text = (
             f"{plain.text}: above {LOSES_IN:g} of the speed this law loses some flights downwind, whatever the gain; "
-            "law tangent on estimator drift does not"
+            "law tangent on estimator drift does not up to 0.8"
         )
         yield Finding("warning", "wind", text)
         return

@@ -85,6 +85,17 @@ def pairs(laws: Sequence[str], estimators: Sequence[str]) -> list[tuple[str, str
     return [(law, estimator) for law in laws for estimator in estimators if flies_on(law, estimator)]
 
 
+def left_out(laws: Sequence[str], estimators: Sequence[str]) -> list[str]:
+    """Return a line for each combination of what is known that cannot fly, saying what the estimate lacks."""
+    lines = []
+    for law in (name for name in laws if name in LAWS):
+        for estimator in (name for name in estimators if name in ESTIMATORS):
+            missing = sorted(set(LAWS[law].needs) - ESTIMATORS[estimator].gives)
+            if missing:
+                lines.append(f"left out: {law} cannot fly on {estimator}, which does not give {', '.join(missing)}")
+    return lines
+
+
 def compare(
     scenarios: Iterable[str],
     laws: Sequence[str] = (BEST[0],),

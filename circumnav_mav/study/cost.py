@@ -10,10 +10,15 @@ import math
 import random
 import statistics
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from circumnav_mav.guidance.estimators import ESTIMATORS, make
-from circumnav_mav.guidance.kernel import EstimatorContext, Motion
+from circumnav_mav.guidance.height_choice import HeightChoice
+from circumnav_mav.guidance.kernel import EstimatorContext, LawContext, Motion
+from circumnav_mav.guidance.laws import LAWS
+from circumnav_mav.study.noise import draw
+from circumnav_mav.study.plant import fly, range_and_rate
+from circumnav_mav.study.scenarios import SCENARIOS, Scenario
 from circumnav_mav.types import RangeSample
 
 V_M_S, R_A_M, RATE_HZ, TICKS_A_RANGE = 15.0, 80.0, 50.0, 5
@@ -70,6 +75,71 @@ def _flight(name: str, flight_s: float) -> tuple[list[int], list[int]]:
     return updates, ticks
 
 
+OPEN = 6
+"""A bank of `drift` with more hypotheses than this is not settled yet: three kinds of air, of two places at most."""
+HIGH_M = 100.0
+
+
+@dataclass(frozen=True, slots=True)
+class EntryCost:
+    """What updates cost on the way to the circle, where the turns of the flight decide what is known."""
+
+    name: str
+    open_s: tuple[float, float, float]  # least, median and most time with a bank of more than OPEN, over the entries
+    open_us: float  # median update meanwhile
+    worst_us: float  # 99 % of the updates are quicker
+
+
+def entry_costs(entries: int = 12, repeats: int = 2) -> list[EntryCost]:
+    """Return the cost of `tangent` on `drift` in R_wind5, from anywhere and from far, and of two filters (auto)."""
+    near = replace(SCENARIOS["R_wind5"], duration_s=75.0)
+    far = replace(near, start_m=(1500.0, 2000.0), duration_s=150.0)
+    rows = ("drift", near, False), ("drift, from 1.5 to 2 km", far, False), ("drift, target_height_m: auto", near, True)
+    return [_entry_cost(name, scenario, auto, entries, repeats) for name, scenario, auto in rows]
+
+
+def _entry_cost(name: str, scenario: Scenario, auto: bool, entries: int, repeats: int) -> EntryCost:
+    took_us, times_s = [], []
+    for index in range(entries):
+        flights = [_entry(scenario, index, auto) for _ in range(repeats)]
+        updates = [(min(us for us, _ in step), step[0][1]) for step in zip(*flights, strict=True)]
+        took_us += [us for us, size in updates if size > OPEN]
+        times_s.append(sum(size > OPEN for _, size in updates) * scenario.range_every * scenario.control_s)
+    took_us.sort()
+    open_s = min(times_s), statistics.median(times_s), max(times_s)
+    return EntryCost(name, open_s, statistics.median(took_us), took_us[int(0.99 * len(took_us))])
+
+
+def _entry(scenario: Scenario, index: int, auto: bool) -> list[tuple[float, int]]:
+    """Fly run `index` of seed 1 in plain Python; return what every update took, us, and how many hypotheses it left."""
+    chance, law = draw(scenario, 1, index), LAWS["tangent"]
+    context = EstimatorContext(scenario.r_a_m, scenario.V_m_s, scenario.limit_rad_s)
+    par = law.parameters({}, LawContext(scenario.r_a_m, scenario.V_m_s, scenario.limit_rad_s, scenario.lag_s))
+    choice = HeightChoice(lambda: make("drift", {}, context))
+    alone, world, updates = make("drift", {}, context), chance.start, []
+    for n in range(round(scenario.duration_s / scenario.control_s)):
+        motion = Motion(scenario.V_m_s, world.u, world.psi)
+        (choice if auto else alone).advance(world.t, motion)
+        if n % scenario.range_every == 0:
+            r = range_and_rate(world, chance.plant)[0] + chance.range_error_m[n // scenario.range_every]
+            sample = RangeSample(world.t, math.hypot(r, HIGH_M) if auto else r, math.nan, scenario.sigma_r_m)
+            start = time.perf_counter_ns()
+            if auto:
+                choice.on_sample(sample, motion, HIGH_M, 0.0)
+            else:
+                alone.on_sample(sample, motion)
+            took = time.perf_counter_ns() - start
+            updates.append(
+                (took / 1e3, max(len(one._bank) for one in ([*choice._tried.values()] if auto else [alone])))
+            )
+        est = (choice.flown if auto else alone).at(world.t, motion)
+        u = 0.0 if est is None else law.turn_rate(est, par)
+        world = fly(world, u, chance.plant, 0.0, 0.0)
+    return updates
+
+
 if __name__ == "__main__":
     for cost in estimator_costs():
         print(cost)
+    for entry in entry_costs():
+        print(entry)

@@ -4,10 +4,12 @@ import json
 import math
 import os
 import pty
+import re
 import signal
 import subprocess
 import sys
 from contextlib import suppress
+from pathlib import Path
 from threading import Thread
 
 import numpy as np
@@ -207,6 +209,40 @@ def test_a_wrong_name_is_answered_with_the_right_ones(arguments, word):
     done = run("compare", *arguments)
     assert done.exit_code == 2
     assert word in done.stderr
+
+
+def test_a_law_that_cannot_fly_is_said_to_be_left_out(monkeypatch):
+    flown = []
+    some = compare.Row("P_calm", "", "", 1, 0, 0, None, 0, 0, 0, 0, 0, 0)
+    monkeypatch.setattr(compare, "row", lambda scenario, pilot, *_: flown.append(pilot.law) or some)
+    names = ["--law", "tangent", "--law", "hashemi2013", "--estimator", "polar", "--scenario", "P_calm", "--runs", "1"]
+    done = run("compare", *names)
+    assert flown == ["hashemi2013"]
+    assert "left out: tangent cannot fly on polar, which does not give" in done.stderr
+    assert "left out" not in run("compare", *names[2:]).stderr
+    assert "left out" not in run("compare", *names[4:], "--all").stderr
+
+
+PAIRS_TABLE = re.findall(
+    r"^\| (\w+) \| (raw|direct|polar|drift) \| (.*\d.*) \|$",
+    (Path(__file__).parents[2] / "docs" / "estimation.md").read_text(encoding="utf-8"),
+    re.MULTILINE,
+)[:9]
+
+
+@pytest.mark.soak
+def test_a_row_of_the_table_of_pairs_is_what_its_command_prints():
+    """docs/estimation.md, 100 runs of seed 1, rounded as there; another row for another SOAK_SEED."""
+    assert len(PAIRS_TABLE) == 9
+    law, estimator, cells = PAIRS_TABLE[SEED % 9]
+    names = ["P_calm", "P_wind25", "R_calm", "R_wind5", "R_outliers"]
+    for row, cell in zip(compare.compare(names, [law], [estimator], 100, 1), cells.split(" | "), strict=True):
+        if row.lost:
+            assert cell == f"lost {100.0 * row.lost:.0f} %", row
+        else:
+            rms_m, u2 = map(float, cell.split(", "))
+            assert row.tail_rms_m == pytest.approx(rms_m, abs=0.0006 if row.scenario[0] == "P" else 0.006), row
+            assert row.u2_ratio == pytest.approx(u2, abs=0.006), row
 
 
 def test_only_what_can_fly_is_paired():

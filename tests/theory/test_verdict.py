@@ -20,7 +20,7 @@ ROWS = [
     ("wind as fast as the vehicle", replace(QUAD, wind=5.0), {("error", "wind")}),
     ("wind moves the circle", replace(QUAD, kappa=1.0, wind=1.0), {("warning", "wind")}),
     ("a speed held over the ground", replace(QUAD, kappa=1.0, wind=1.0, over_ground=True), set()),
-    ("and a wind beyond it", replace(QUAD, wind=9.0, over_ground=True), set()),
+    ("and a wind that it can hardly hold it against", replace(QUAD, wind=5.0, over_ground=True), {("warning", "wind")}),
     ("a plane with room", PLANE, set()),
     ("a plane without", replace(PLANE, r_a=30.0, turn_rate_limit=0.6), {("error", "bank"), ("warning", "saturation")}),
     ("a plane without, downwind", replace(PLANE, wind=9.0, kappa=2.0), {("error", "bank"), ("warning", "saturation"),
@@ -49,8 +49,35 @@ def test_wind_is_told_for_any_law():
 
     assert told(QUAD)[0] == "info" and "4 to 6 m/s over the ground" in told(QUAD)[1]
     assert told(replace(QUAD, wind=5.0))[0] == "error"
-    assert "moves nothing" in told(replace(QUAD, over_ground=True))[1]
+    held = told(replace(QUAD, wind=4.0, over_ground=True))
+    assert held[0] == "info" and "moves nothing here, if" in held[1] and "9 m/s through the air" in held[1]
+    assert told(replace(QUAD, wind=40.0, over_ground=True))[0] == "warning"
     assert not [f for f in report_plain(replace(QUAD, wind=nan)) if f.topic == "wind"]
+
+
+def test_the_wind_that_the_circle_bears_is_told_for_any_law():
+    """A bank of 30 deg at 12 m/s: the circle of 27 m bears sqrt(27 g tan 30) - 12 = 0.36 m/s, that of 40 m 3.05."""
+
+    def told(flight):
+        found = [[f for f in reported if f.topic == "bank"] for reported in (report(flight), report_plain(flight))]
+        assert found[0] == found[1]
+        return found[0][0].severity, found[0][0].text
+
+    small = Flight(r_a=27.0, kappa=3.0, V=12.0, turn_rate_limit=0.8, bank_limit=radians(30), lag_s=0.2)
+    assert told(small)[0] == "warning"
+    assert "wind up to 0.364 m/s" in told(small)[1] and "fly 36.62 m or wider" in told(small)[1]  # 1.2^2 144 / 5.662
+    assert told(replace(small, wind=0.3))[0] == "info"
+    assert told(replace(small, wind=0.4))[0] == "error"
+    assert told(replace(small, r_a=40.0)) == (
+        "info",
+        "a bank of 30 deg at 12 m/s holds this circle in wind up to 3.05 m/s",
+    )
+    assert "any wind" in told(replace(small, r_a=200.0))[1]
+    plain = replace(small, bank_limit=nan, turn_rate_limit=0.4)  # sqrt(0.4 * 12 * 40) - 12 = 1.86
+    assert told(replace(plain, r_a=40.0))[0] == "warning" and "wind up to 1.86 m/s" in told(replace(plain, r_a=40.0))[1]
+    assert "a turn rate of 0.4 rad/s" in told(replace(plain, r_a=40.0, wind=2.0))[1]
+    held = replace(plain, r_a=40.0, over_ground=True)
+    assert [f for f in report(held) if f.topic == "bank"] == []
 
 
 def test_the_least_turn_radius_is_told_saturated_or_not():
