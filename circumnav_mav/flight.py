@@ -258,9 +258,7 @@ class Flight:
             self.ranges.time.forget()
             return
         self._frames.clear()  # what was to be said over the link that broke
-        asking = self.link.reconnected(now_s)
-        if self.link.autopilot.sysid is not None:
-            self._frames += asking
+        self._frames += self.link.reconnected(now_s)
 
     def tell(self, now_s: float, text: str) -> None:
         """Let the operator read something that only the runtime knows."""

@@ -249,7 +249,12 @@ class AutopilotLink:
         return self.after_gap(now_s)
 
     def _ask_mode(self, now_s: float) -> list[bytes]:
-        """Return a question whose answer dates what follows it, and a request for the message that shows the mode."""
+        """Return a question whose answer dates what follows it, and a request for the message that shows the mode.
+
+        Nothing before an autopilot is known: the poll asks then.
+        """
+        if self.autopilot.sysid is None:
+            return []
         self._ask_mode_next_s = now_s + ASK_MODE_S
         token = int(now_s * 1e9)
         self._asked_s[token] = now_s

@@ -7,7 +7,9 @@ import os
 import signal
 
 import pytest
+from pymavlink.dialects.v20 import all as mavlink
 
+from circumnav_mav.flight import VEHICLE, Flight
 from circumnav_mav.runtime.stopped import on_continue
 from tests.lockstep import Rig, airborne, config
 from tests.trust.outage import outage, watch
@@ -50,6 +52,18 @@ def test_a_short_stall_is_survived_and_nothing_blind_follows_it(for_s):
     assert rig.stub.truth().mode == "OFFBOARD"
     assert mode_requests(rig) == []
     keep_the_rules(rig)
+
+
+def test_a_stall_before_any_autopilot_is_heard_asks_nobody():
+    """Whoever it would ask is not known: system 1 may be another aircraft."""
+    flight, sent = Flight(config()), []
+    for now_s in (0.02, 0.04, 9.0, 9.02, 9.04):
+        flight.resume(now_s, lambda now_s=now_s: now_s)
+        sent += flight.tick(now_s)[0]
+    flight.link_back(VEHICLE, 9.06, "open again")
+    sent += flight.tick(9.08)[0]
+    assert {mavlink.MAVLink(None).decode(bytearray(frame)).get_type() for frame in sent} == {"HEARTBEAT"}
+    assert any("held up" in event.text for event in flight.events)
 
 
 def test_after_a_stall_no_setpoint_leaves_before_a_mode_message_sent_after_it():
