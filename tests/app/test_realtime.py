@@ -47,7 +47,7 @@ def stub(port: int, *arguments: str, truth: Path) -> Iterator[subprocess.Popen]:
         yield child
 
 
-def run(*arguments: str, timeout: float = 120) -> subprocess.CompletedProcess:
+def run(*arguments: str, timeout: float = 600) -> subprocess.CompletedProcess:
     return subprocess.run([*CIRCUMNAV, *arguments], cwd=ROOT, capture_output=True, text=True, timeout=timeout)
 
 

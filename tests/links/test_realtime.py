@@ -148,9 +148,9 @@ def test_an_autopilot_on_tcp_and_a_radio_on_a_serial_port_fly(tmp_path):
         vehicle.each_tick = range_now
         vehicle.engage(router.fileno())
         count = len(vehicle.setpoints)
-        vehicle.run(3.0, router.fileno())
+        flown = vehicle.run(30.0, router.fileno(), until=lambda: len(vehicle.setpoints) - count > 100)
         assert heard.startswith(b"\r\rles\r")
-        assert len(vehicle.setpoints) - count > 100 and vehicle.mode == "OFFBOARD"
+        assert flown and vehicle.mode == "OFFBOARD"
         app.terminate()
         assert vehicle.run(15.0, router.fileno(), until=lambda: app.poll() is not None), "the app did not end"
         assert app.returncode == 0, app.stdout.read()
