@@ -120,18 +120,9 @@ def _refused(
             return
 
 
-MAVSDK_LEAST_HZ = 20.0
-"""Half of the 100 ms after which the process that MAVSDK lives in takes the app for dead."""
-
-
 def _mavsdk_checks(config: Config) -> Iterator[tuple[str, str]]:
-    if config.vehicle.kind != "px4_multirotor":
-        yield "vehicle.library", "mavsdk flies px4_multirotor only (its other setpoints lose fields): use pymavlink"
-    if config.loop.rate_hz < MAVSDK_LEAST_HZ:
-        yield (
-            "loop.rate_hz",
-            f"mavsdk needs at least {MAVSDK_LEAST_HZ:g} Hz: 100 ms without setpoint count as a dead app",
-        )
+    if config.vehicle_class.words.autopilot != "PX4":
+        yield "vehicle.library", "mavsdk was flown with PX4 only: use pymavlink"
     if config.vehicle.signing_key_file is not None:
         yield "vehicle.signing_key_file", "not with library mavsdk: use pymavlink"
 

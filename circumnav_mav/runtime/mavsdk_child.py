@@ -1,13 +1,12 @@
-"""The process that MAVSDK lives in: frames from the app become MAVSDK calls, messages from the vehicle become frames.
+"""The process that MAVSDK lives in: frames from the app leave as MAVSDK's messages, the vehicle's come back as frames.
 
     python -m circumnav_mav.runtime.mavsdk_child URL FD SYSTEM_ID
 
 SYSTEM_ID: the vehicle to fly, 0 for the first one heard. MAVSDK's own system id is the vehicle's, as the app's is: it
 must be given before a connection is made, so a vehicle with another one than 1 costs a second start.
 
-The 100 ms rule: once a setpoint has been given, the next must come within SILENCE_S; else MAVSDK is destroyed on the
-spot (never `offboard.stop()`, which asks for a mode) and made anew, without a setpoint. A closed FD does the same for
-good.
+Setpoints go through mavlink_direct, which sends a message once. MAVSDK's offboard plugin re-sends the last one at 20 Hz
+from a thread of its own: with Python dead, too, and in a burst where the process was held up. A closed FD ends it all.
 """
 
 from __future__ import annotations
@@ -20,28 +19,27 @@ import struct
 import sys
 import time
 from collections import Counter
-from contextlib import suppress
 from typing import Any
 
 from mavsdk.asyncio import ComponentType, Configuration, Mavsdk
 from mavsdk.asyncio.exceptions import MavsdkConnectionError
-from mavsdk.asyncio.plugins.offboard import OffboardAsync, VelocityBodyYawspeed
 from mavsdk.logging import LogLevel, log_subscribe
 from mavsdk.plugins.mavlink_direct import MavlinkDirect, MavlinkMessage
 
 from circumnav_mav.mavlink.codec import Decoder, Message, Packer, Splitter
 from circumnav_mav.mavlink.dialect import by_name
+from circumnav_mav.runtime.mavsdk_link import STAMP
 
-SILENCE_S = 0.1
-LOOK_S = 0.01
+OLD_S = 0.1
+"""What waited for longer than this is dropped: old words may not take an aircraft back, whoever was held up."""
 FIND_S = 0.1
 FRAME = 4096
 COMPONENT = 191
 EXIT_LINK = 3
-SETPOINT = "SET_POSITION_TARGET_LOCAL_NED"
 SENT = frozenset(
     {
-        *(SETPOINT, "COMMAND_LONG", "COMMAND_INT", "COMMAND_ACK", "PARAM_REQUEST_READ", "TIMESYNC", "STATUSTEXT"),
+        *("SET_POSITION_TARGET_LOCAL_NED", "SET_ATTITUDE_TARGET"),
+        *("COMMAND_LONG", "COMMAND_INT", "COMMAND_ACK", "PARAM_REQUEST_READ", "TIMESYNC", "STATUSTEXT"),
         *("ORBIT_EXECUTION_STATUS", "DEBUG_VECT", "DEBUG_FLOAT_ARRAY"),
     }
 )
@@ -57,22 +55,18 @@ class Child:
         self._sysid = system_id or 1
         self._splitter, self._decoder = Splitter(SENT), Decoder(SENT)
         self._packers: dict[tuple[int, int], Packer] = {}
-        self._waiting: list[Message] = []
-        self._setpoint: Message | None = None
-        self._setpoint_s = -math.inf
-        self._given = False
-        self._news = asyncio.Event()
+        self._direct: Any = None
+        self._end = asyncio.Event()
         self.dropped: Counter[str] = Counter()
-        self.gone = False
 
     async def run(self) -> None:
         """Serve until the app is gone."""
         asyncio.get_running_loop().add_reader(self._pair.fileno(), self._read)
-        while not self.gone:
+        while not self._end.is_set():
             await self._session()
 
     def _read(self) -> None:
-        """Take in what the app gave: all of it, the newest setpoint only."""
+        """Send what the app gave."""
         while True:
             try:
                 data = self._pair.recv(FRAME)
@@ -82,31 +76,29 @@ class Child:
                 data = b""
             if not data:
                 asyncio.get_running_loop().remove_reader(self._pair.fileno())
-                self.gone = True
+                self._end.set()
                 break
-            for frame in self._splitter.feed(data, whole=True):
+            (given_s,) = STAMP.unpack_from(data)
+            for frame in self._splitter.feed(data[STAMP.size :], whole=True):
                 message = self._decoder.decode(frame)
-                if message is not None and message.name == SETPOINT:
-                    self._setpoint, self._setpoint_s = message, time.monotonic()
-                elif message is not None:
-                    self._waiting.append(message)
-        self._news.set()
+                if message is not None and self._direct is not None and time.monotonic() - given_s < OLD_S:
+                    self._direct.send_message(to_mavsdk(message))
 
     async def _session(self) -> None:
         config = Configuration.create_with_component_type(ComponentType.COMPANION_COMPUTER)
         config.system_id, config.component_id = self._sysid, COMPONENT
         sdk = Mavsdk(config)
-        self._given = False
         try:
             await sdk.add_any_connection(self._url)
             found = await self._find(sdk)
             if found is None or found[0] != config.system_id:
                 return  # nobody, or one whose id ours must be first
             system = found[1]
-            direct, offboard = MavlinkDirect(system._system), OffboardAsync(system)
+            direct = MavlinkDirect(system._system)
             handle = direct.subscribe_message("", self._from_vehicle)
-            self._setpoint = None  # one from before is older than the vehicle
-            await self._serve(direct, offboard)
+            self._direct = direct
+            await self._end.wait()
+            self._direct = None
             direct.unsubscribe_message(handle)
             direct.destroy()
         finally:
@@ -114,7 +106,7 @@ class Child:
 
     async def _find(self, sdk: Any) -> tuple[int, Any] | None:
         """Return (system id, system) of the vehicle to fly as soon as it is heard, and be of that id from now on."""
-        while not self.gone:
+        while not self._end.is_set():
             for system in await sdk.get_systems():
                 sysid = await system.get_system_id()
                 if await system.has_autopilot() and self._wanted in (0, sysid):
@@ -122,22 +114,6 @@ class Child:
                     return sysid, system
             await asyncio.sleep(FIND_S)
         return None
-
-    async def _serve(self, direct: Any, offboard: Any) -> None:
-        while not self.gone:
-            with suppress(TimeoutError):
-                await asyncio.wait_for(self._news.wait(), LOOK_S)
-            self._news.clear()
-            waiting, self._waiting = self._waiting, []
-            for message in waiting:
-                direct.send_message(to_mavsdk(message))
-            if self._given and time.monotonic() - self._setpoint_s > SILENCE_S:
-                return
-            if self._setpoint is not None:
-                f, self._setpoint = self._setpoint.fields, None
-                self._given = True
-                velocity = VelocityBodyYawspeed(f.vx, f.vy, f.vz, math.degrees(f.yaw_rate))
-                await offboard.set_velocity_body(velocity)
 
     def _from_vehicle(self, message: Any, _: Any) -> None:
         """Hand a message to the app as a frame. Runs in MAVSDK's thread; a frame that does not fit is dropped."""

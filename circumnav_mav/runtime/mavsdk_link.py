@@ -1,15 +1,17 @@
 """`library: mavsdk`: the vehicle's link through MAVSDK, in a process of its own (mavsdk_child.py). Frames in and out.
 
-MAVSDK re-sends the last setpoint at 20 Hz by itself, also while Python hangs: an autopilot could never see that the app
-is dead. So it lives in a child that destroys it, without a mode request, when no setpoint has come for 100 ms. Nothing
-that MAVSDK says about modes is believed: the mode messages themselves come through, and the same authority reads them.
+MAVSDK has threads of its own, which go on while Python hangs, and native code, which may take its process with it: so
+it lives in a child. Setpoints are the app's alone, and none is ever sent twice (mavsdk_child.py). Nothing that MAVSDK
+says about modes is believed: the mode messages themselves come through, and the same authority reads them.
 """
 
 from __future__ import annotations
 
 import socket
+import struct
 import subprocess
 import sys
+import time
 from contextlib import suppress
 from dataclasses import replace
 
@@ -18,6 +20,8 @@ from circumnav_mav.runtime.tcp import TcpServer
 from circumnav_mav.runtime.transport import LinkError, Loop, OnChange, OnData
 from circumnav_mav.runtime.udp import UdpLink
 
+STAMP = struct.Struct("d")
+"""Before each frame: when it was given, s, on the monotonic clock, which is the same one in both processes."""
 FRAME = 4096
 STOP_S = 3.0
 
@@ -83,12 +87,12 @@ class MavsdkLink:
     def send(self, data: bytes) -> None:
         """Hand a frame to MAVSDK; dropped where it does not keep up."""
         try:
-            self._socket.send(data)
+            self._socket.send(STAMP.pack(time.monotonic()) + data)
         except OSError:
             self.send_errors += 1
 
     def close(self) -> None:
-        """End the child: it sees the closed pair, and is silent within milliseconds."""
+        """End the child: it sees the closed pair."""
         if self._loop is not None:
             self._loop.remove_reader(self._socket.fileno())
             self._loop = None

@@ -9,6 +9,7 @@ import socket
 import subprocess
 import sys
 import threading
+import time
 from pathlib import Path
 
 import pytest
@@ -17,6 +18,8 @@ import yaml
 from circumnav_mav.runtime.systemd import Notifier
 from circumnav_mav.runtime.watchdog import NAP_S, Watchdog
 from sitl_stub import Stub
+from sitl_stub.pace import SIZE as PACE_FILE_SIZE
+from sitl_stub.pace import Pace
 from sitl_stub.server import Endpoint, Server
 from tests.lockstep import Peer, airborne
 from tests.trust.rules import OFFBOARD
@@ -26,10 +29,25 @@ SETPOINTS = {84, 82, 86}
 
 
 class Field:
-    """The stub on real sockets, and the app as a process. Everything that reaches the vehicle is noted."""
+    """The stub on real sockets, and the app as a process. Everything that reaches the vehicle is noted.
 
-    def __init__(self, directory: Path, library: str = "pymavlink", vehicle_id: int = 1, **vehicle: object) -> None:
-        self.stub = Stub(airborne(80.0, seed=8, params={"COM_OBL_RC_ACT": 5}, system_id=vehicle_id))
+    paced: the two keep one clock, so that a busy machine makes a flight slower and no worse. Not where the app is to
+    fall silent: the stub would wait for it.
+    """
+
+    def __init__(
+        self,
+        directory: Path,
+        library: str = "pymavlink",
+        vehicle_id: int = 1,
+        *,
+        paced: bool = False,
+        world: dict[str, object] | None = None,
+        sections: dict[str, object] | None = None,
+        **vehicle: object,
+    ) -> None:
+        usual = {"seed": 8, "params": {"COM_OBL_RC_ACT": 5}, "system_id": vehicle_id}
+        self.stub = Stub(airborne(**{"distance_m": 80.0, **usual, **(world or {})}))
         self.server = Server(self.stub, {"offboard": Endpoint(0, 0), "gcs": Endpoint(0, 0)})
         self.pilot = Peer(self.stub)
         self.setpoints_s: list[float] = []
@@ -52,15 +70,22 @@ class Field:
         settings = {
             "vehicle": {"link": link, "library": library, **vehicle},
             "record": {"directory": str(directory / "flights")},
+            **(sections or {}),
         }
         self.config.write_text(yaml.safe_dump(settings))
         self.app: subprocess.Popen[bytes] | None = None
+        self.pace_file = directory / "pace" if paced else None
         self.start()
 
     def start(self) -> None:
         command = [sys.executable, "-m", "tests.trust.app_that_hangs", "fly", str(self.config), "--wait", "0"]
-        environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+        environment = {**os.environ, "PYTHONPATH": str(ROOT), "PACE_FILE": str(self.pace_file or "")}
         self.app = subprocess.Popen(command, cwd=ROOT, env=environment, stdout=subprocess.DEVNULL)
+        if self.pace_file is not None:
+            while not (self.pace_file.exists() and self.pace_file.stat().st_size == PACE_FILE_SIZE):
+                assert self.app.poll() is None, "the app has ended before it flew"
+                time.sleep(0.01)
+            self.server._pace = Pace(self.pace_file)
 
     def run(self, for_s: float, until=lambda: False) -> None:
         end_s = self.stub.now_s + for_s
@@ -90,6 +115,13 @@ class Field:
 @pytest.fixture
 def field(tmp_path, library):
     f = Field(tmp_path, library)
+    yield f
+    f.close()
+
+
+@pytest.fixture
+def paced_field(tmp_path, library):
+    f = Field(tmp_path, library, paced=True)
     yield f
     f.close()
 
@@ -139,8 +171,9 @@ def test_silence_failsafe_and_no_way_back_in(field, library, fault):
 @pytest.mark.realtime
 @pytest.mark.soak
 @pytest.mark.parametrize("library", ["pymavlink", "mavsdk"])
-def test_an_orbit_is_flown_through_either_library(field, library):
+def test_an_orbit_is_flown_through_either_library(paced_field, library):
     """The same flight over real sockets: engaged by a pilot, settled, and held. The error is the stub's own truth."""
+    field = paced_field
     field.engage()
     errors: list[float] = []
     for _ in range(300):
@@ -154,10 +187,32 @@ def test_an_orbit_is_flown_through_either_library(field, library):
 
 @pytest.mark.realtime
 @pytest.mark.soak
+def test_an_airplane_is_flown_by_attitude_through_mavsdk(tmp_path):
+    """MAVSDK's own offboard calls take no quaternion; its messages do, and any setpoint goes through as it is."""
+    world = {"airframe": "fixed_wing", "distance_m": 160.0, "height_m": 100.0, "start_speed_m_s": 12.0}
+    sections = {"orbit": {"radius_m": 80.0, "speed_m_s": 12.0}}
+    field = Field(tmp_path, "mavsdk", paced=True, world=world, sections=sections, **{"class": "px4_fixed_wing"})
+    try:
+        field.engage()
+        field.run(80.0)
+        errors: list[float] = []
+        for _ in range(50):
+            field.run(0.2)
+            errors.append(field.stub.truth().horizontal_range_m - 80.0)
+        print(f"greatest error of the last 10 s {max(abs(e) for e in errors):.2f} m")
+        assert field.mode == "OFFBOARD"
+        assert max(abs(e) for e in errors) < 3.0
+        assert abs(field.stub.truth().height_m - 100.0) < 3.0
+    finally:
+        field.close()
+
+
+@pytest.mark.realtime
+@pytest.mark.soak
 @pytest.mark.parametrize("library", ["pymavlink", "mavsdk"])
 @pytest.mark.parametrize("vehicle", [{}, {"system_id": 7}], ids=["the first one heard", "configured"])
 def test_a_vehicle_with_another_system_id_is_flown(tmp_path, library, vehicle):
-    field = Field(tmp_path, library, 7, **vehicle)
+    field = Field(tmp_path, library, 7, paced=True, **vehicle)
     try:
         field.engage()
         field.run(3.0)
@@ -181,10 +236,54 @@ def children(field: Field) -> list[Path]:
     return found
 
 
+def mavsdk_child(field: Field) -> int:
+    """Return the process id of this field's MAVSDK."""
+    (path,) = children(field)
+    return int(path.parent.name)
+
+
 @pytest.mark.realtime
 @pytest.mark.soak
 @pytest.mark.parametrize("library", ["mavsdk"])
-def test_a_polite_end_through_mavsdk_asks_for_hold_and_leaves_nothing_behind(field):
+def test_a_mavsdk_that_is_held_up_for_a_moment_costs_no_more_than_that(paced_field):
+    """A quarter of a second is longer than the silence rule: the stream ends, and begins again at once."""
+    field = paced_field
+    field.engage()
+    child = mavsdk_child(field)
+    for _ in range(12):
+        os.kill(child, signal.SIGSTOP)
+        field.run(0.25)
+        os.kill(child, signal.SIGCONT)
+        field.run(1.5)
+        assert field.mode == "OFFBOARD"
+    assert mavsdk_child(field) == child
+    assert field.modes_asked == 0
+
+
+@pytest.mark.realtime
+@pytest.mark.soak
+@pytest.mark.parametrize("library", ["mavsdk"])
+def test_a_setpoint_that_waited_for_mavsdk_is_dropped(field):
+    """Sent, it would take the aircraft back out of the failsafe with what was meant two seconds ago."""
+    field.engage()
+    child = mavsdk_child(field)
+    os.kill(child, signal.SIGSTOP)
+    stopped_s = field.stub.now_s
+    field.run(0.2)
+    field.app.send_signal(signal.SIGSTOP)
+    field.run(2.0)
+    assert field.mode == "AUTO/LOITER"
+    os.kill(child, signal.SIGCONT)
+    field.run(2.0)
+    assert field.since(stopped_s + 0.1) == []
+    assert field.mode == "AUTO/LOITER"
+
+
+@pytest.mark.realtime
+@pytest.mark.soak
+@pytest.mark.parametrize("library", ["mavsdk"])
+def test_a_polite_end_through_mavsdk_asks_for_hold_and_leaves_nothing_behind(paced_field):
+    field = paced_field
     field.engage()
     field.app.send_signal(signal.SIGINT)
     field.run(30.0, until=lambda: field.app.poll() is not None)
