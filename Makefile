@@ -39,7 +39,7 @@ soak: $(VENV)/.peers  ## the long suite: fuzz, randomised flights, 1,000-run row
 	SOAK_SEED=$(SOAK_SEED) SOAK_SHARE=$(SOAK_SHARE) $(PYTEST) -q -m "soak and realtime"
 
 soak-sample: SOAK_SHARE = 0.05
-soak-sample: soak  ## one twentieth of soak, for CI
+soak-sample: soak  ## soak with one twentieth of its random runs, for CI
 
 bench: $(VENV)/.installed  ## what the receive path, the tick and the loop cost, as ratios within one run
 	$(BIN)/python -m tests.bench

@@ -20,7 +20,7 @@ from circumnav_mav.config import Config
 from circumnav_mav.config_file import ConfigError, load
 from circumnav_mav.runtime.app import Options
 from circumnav_mav.runtime.clock import Clock
-from circumnav_mav.runtime.demo import demo_config, demo_note, run_demo
+from circumnav_mav.runtime.demo import demo_config, demo_note, demo_speed, run_demo
 from circumnav_mav.runtime.session import Crash, Outcome, fly
 from circumnav_mav.runtime.systemd import as_a_service
 from circumnav_mav.runtime.transport import LinkError
@@ -64,7 +64,10 @@ def _root(
 def demo(
     config: Annotated[Path | None, typer.Option(help="fly this configuration instead of the defaults")] = None,
     json: JsonPath = None,
-    speed: Annotated[float, typer.Option(help="flight seconds a wall second; 1 to watch", min=0.1, max=50)] = 5.0,
+    speed: Annotated[
+        float | None,
+        typer.Option(help="flight seconds a wall second; 1 to watch; left out: 5, through MAVSDK 1", min=0.1, max=50),
+    ] = None,
     seed: Annotated[int, typer.Option(help="of every random draw: beacon bearing, noise", min=0)] = 1,
     duration: Duration = None,
     stub_arg: Annotated[
@@ -75,6 +78,7 @@ def demo(
     given = load(config) if config else None
     settings = demo_config(given)
     _try_to_write(json)
+    speed = demo_speed(settings) if speed is None else speed
     outcome = run_demo(settings, speed=speed, seed=seed, duration_s=duration, stub_args=stub_arg or [])
     if note := demo_note(given):
         outcome.notes.append(note)

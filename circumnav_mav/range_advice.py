@@ -64,8 +64,8 @@ def rate_of_ranges(config: Config, kappa: float, lag_s: float) -> Iterator[Findi
         yield Finding("warning" if bears_s < slowest_s else "info", "range_rate", text)
         return
     text = (
-        f"{config.estimator.name} carries ranges on by the turn that was flown: however seldom they come, they add "
-        "nothing to the lag of the loop"
+        f"{config.estimator.name} carries ranges on by the turn that was flown: waiting for one adds nothing to the "
+        "lag of the loop"
     )
     if config.estimator.name != "direct":
         yield Finding("info", "range_rate", text)
@@ -81,14 +81,13 @@ def rate_of_ranges(config: Config, kappa: float, lag_s: float) -> Iterator[Findi
 
 
 def carried_far(config: Config) -> Iterator[Finding]:
-    """Yield what `tangent` on `drift` makes of noise and rate of the ranges, and where it or `polar` has too few.
+    """Yield where an estimator has too few ranges, and what `tangent` on `drift` makes of their noise and rate.
 
     Without study.wind_m_s, still air. docs/estimation.md says how the thresholds were measured.
     """
     orbit, estimator, (period_s, whose) = config.orbit, config.estimator, _period_s(config)
     r_a, V, wind_m_s = orbit.radius_m, orbit.speed_m_s, config.study.wind_m_s or 0.0
-    known = config.law.name == "tangent"  # the only law on drift that any of this was measured with
-    if not (known or estimator.name == "polar") or wind_m_s >= V:
+    if estimator.name not in sampling.MOST_TURN_RAD or wind_m_s >= V:
         return
     turned_rad, most_rad = (V + wind_m_s) * period_s / r_a, sampling.MOST_TURN_RAD[estimator.name]
     if turned_rad > most_rad:
@@ -98,7 +97,7 @@ def carried_far(config: Config) -> Iterator[Finding]:
             f"{(V + wind_m_s) * period_s / most_rad:.3g} m or wider, slower, or take a quicker sensor"
         )
         yield Finding("warning", "sight", text)
-    if known:
+    if config.law.name == "tangent":  # the only law on drift that this was measured with
         options = {**ESTIMATORS["drift"].options, **estimator.options}
         rms_m = sampling.drift_rms_m(r_a, V, config.ranging.sigma_m, period_s, options["gust_share"])
         text = (

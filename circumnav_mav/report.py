@@ -15,7 +15,13 @@ from numpy.typing import NDArray
 from circumnav_mav.config import Config
 from circumnav_mav.guidance.computer import BAND_SHARE, Limits
 from circumnav_mav.guidance.phases import ENGAGED
+from circumnav_mav.guidance.target import Target, describe, describe_drift
 from circumnav_mav.runtime.app import Result
+
+TARGET_COLUMNS = (
+    *("t_s", "target_lat_deg", "target_lon_deg", "target_east_m", "target_north_m", "target_sigma_m"),
+    *("drift_east_m_s", "drift_north_m_s", "drift_sigma_m_s"),
+)
 
 Floats = NDArray[np.float64]
 ENGAGED_NAMES = frozenset(str(p) for p in ENGAGED)
@@ -28,7 +34,8 @@ class Summary:
     error_from: truth (the stub's, in the demo) or estimate (the app's own, in a real flight). settle_time_s: from
     engagement until the error stays within max(5 % of the radius, 3 sigma_r) for good; None if it never does. tail: the
     last half of the time from settling to the end of the orbit. limited: shares of the engaged ticks in which the law's
-    turn rate was saturated, slewed, or changed by the barrier at r_min and r_max. Figures that do not exist are None.
+    turn rate was saturated, slewed, or changed by the barrier at r_min and r_max. target: the columns of ticks.csv that
+    tell it, when it was last known while engaged. Figures that do not exist are None.
     """
 
     outcome: str
@@ -46,6 +53,7 @@ class Summary:
     limited: dict[str, float]
     rejected: dict[str, int]
     duration_s: float
+    target: dict[str, float | None] | None
 
     def write(self, path: Path) -> None:
         """Write the figures as JSON. Raises OSError."""
@@ -107,7 +115,20 @@ def summarise(
         limited=limited,
         rejected=result.rejected,
         duration_s=round(result.duration_s, 3),
+        target=last_target(ticks),
     )
+
+
+def last_target(ticks: dict[str, list[str]]) -> dict[str, float | None] | None:
+    """Return where the target was and how it drifted by the last engaged tick that knew it; None where none did."""
+    known = [
+        phase in ENGAGED_NAMES and bool(east)
+        for phase, east in zip(ticks.get("phase", []), ticks.get("target_east_m", []), strict=False)
+    ]
+    if not any(known):
+        return None
+    last = len(known) - 1 - known[::-1].index(True)
+    return {name: float(ticks[name][last]) if ticks[name][last] else None for name in TARGET_COLUMNS}
 
 
 def track_of(config: Config, ticks: dict[str, list[str]], truth: dict[str, list[str]] | None) -> Track:
@@ -170,8 +191,25 @@ def lines(summary: Summary) -> list[str]:
         f"timing     {s.ticks} ticks, {s.missed_ticks} missed; late by {late} (p99); range age {age} (p99)",
         f"limited    {limited} of the engaged ticks",
         f"rejected   {rejected}",
+        *([f"target     {target_words(s.target)}"] if s.target else []),
         f"duration   {s.duration_s:.1f} s",
     ]
+
+
+def target_words(known: dict[str, float | None]) -> str:
+    """Return where the target was found, for people."""
+    t = {name: math.nan if value is None else value for name, value in known.items()}
+    target = Target(
+        t["target_east_m"],
+        t["target_north_m"],
+        t["target_sigma_m"],
+        t["drift_east_m_s"],
+        t["drift_north_m_s"],
+        t["drift_sigma_m_s"],
+    )
+    place = None if math.isnan(t["target_lat_deg"]) else (t["target_lat_deg"], t["target_lon_deg"])
+    drift = describe_drift(target)
+    return f"{describe(target, place)} of the aircraft at {t['t_s']:.1f} s" + (f"; drift {drift}" if drift else "")
 
 
 def draw(

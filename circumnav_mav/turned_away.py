@@ -29,14 +29,15 @@ class TurnedAway:
         self._used_s, self._echoes = now_s, echoes
 
     def words(self, echoes: int) -> str:
-        """Return the figure that the live view shows: the total, and the commonest reason but the autopilot's own."""
+        """Return the figure that the live view shows: the total, the autopilot's own, the commonest reason."""
         total = self.total.total()
         if echoes >= total:
             return f"{total} (the autopilot's own)" if total else "0"
         others = Counter(self.total)
         others[Reason.WRONG_SOURCE] -= echoes
         reason, count = others.most_common(1)[0]
-        return f"{total}, most {reason} ({count})"
+        own = f"{echoes} of the autopilot's own, then " if echoes else "most "
+        return f"{total}: {own}{reason} {count}"
 
     def why_none(self, now_s: float, echoes: int, max_age_s: float) -> str:
         """Return why none has been used, or none since the last."""

@@ -40,7 +40,7 @@ def _knows_no_wind(config: Config) -> Finding:
     law, wind_m_s = config.law.name, config.study.wind_m_s
     lost = wind_m_s is not None and wind_m_s >= LOST_SHARE * config.orbit.speed_m_s
     here = f", and study.wind_m_s is {wind_m_s:g}" if lost else ""
-    text = f"law {law} loses the target in wind above about a quarter of the speed{here}: {_cure(config)}"
+    text = f"law {law} loses flights in wind above {LOSES_IN:g} of the speed{here}: {_cure(config)}"
     return Finding("error" if lost else "warning", "law", text)
 
 

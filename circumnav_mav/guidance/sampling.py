@@ -47,7 +47,7 @@ def kappa_of_use(r_a: float, V: float, lag_s: float) -> float:
     return r_a / (V * lag_s)
 
 
-MOST_TURN_RAD = {"drift": 0.75, "polar": 0.4}
+MOST_TURN_RAD = {"direct": 0.4, "drift": 0.75, "polar": 0.4}
 """How far the sight may turn between two ranges, the tail wind counted in. Measured: docs/estimation.md."""
 
 MOST_RMS_SHARE = 0.07

@@ -132,7 +132,8 @@ class _Receiver:
             ("beacon", "beacon_id", Reason.WRONG_BEACON, self.flown.beacon_id, channel.beacon_id),
         ):
             if theirs != ours:
-                detail = f"{name} {theirs} beside {ours}, which is flown on: set ranging.{key} to choose"
+                flown = f"a range without a {name}" if ours is None else str(ours)
+                detail = f"{name} {theirs} beside {flown}, which is flown on: set ranging.{key} to choose"
                 return Rejected(now_s, reason, detail)
         return None
 

@@ -22,7 +22,8 @@ def row(sample: RangeSample) -> str:
 
 
 def parse(line: str, now_s: float) -> list[Reading | Rejected]:
-    """Read one line; comments (#) and the header are passed over."""
+    """Read one line; comments (#), the header and a byte order mark are passed over."""
+    line = line.removeprefix("\ufeff")
     if line.startswith(("#", "t_s")):
         return []
     cells = [cell.strip() for cell in line.split(",")]
@@ -35,12 +36,20 @@ def parse(line: str, now_s: float) -> list[Reading | Rejected]:
                 range_m=finite(range_m),
                 range_rate_m_s=finite(rate) if rate else NAN,
                 sigma_m=finite(sigma) if sigma else NAN,
-                beacon_id=int(beacon) if beacon else None,
+                beacon_id=_id(beacon) if beacon else None,
                 stamp_s=finite(t_s),
             )
         ]
     except ValueError:
         return [not_understood(line, now_s)]
+
+
+def _id(text: str) -> int:
+    """Return a beacon's number. Spreadsheets and pandas write 1.0 in a column with gaps. ValueError: not whole."""
+    number = finite(text)
+    if not number.is_integer():
+        raise ValueError(text)
+    return int(number)
 
 
 def schedule(text: str) -> list[tuple[float, bytes]]:

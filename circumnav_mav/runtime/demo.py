@@ -71,6 +71,11 @@ def _stub_radio(ranging: Ranging) -> Ranging:
     return Ranging(**values)
 
 
+def demo_speed(config: Config) -> float:
+    """Return how many times real time a demo flies: MAVSDK's process keeps the wall's time, and nobody waits for it."""
+    return 1.0 if config.vehicle.library == "mavsdk" else 5.0
+
+
 def longest_s(config: Config) -> float:
     """Return when a demo that never settles ends: climb, approach, and four laps."""
     orbit = config.orbit

@@ -6,7 +6,8 @@ SYSTEM_ID: the vehicle to fly, 0 for the first one heard. MAVSDK's own system id
 must be given before a connection is made, so a vehicle with another one than 1 costs a second start.
 
 Setpoints go through mavlink_direct, which sends a message once. MAVSDK's offboard plugin re-sends the last one at 20 Hz
-from a thread of its own: with Python dead, too, and in a burst where the process was held up. A closed FD ends it all.
+from a thread of its own: with Python dead, too, and in a burst where the process was held up; it would have to be
+destroyed whenever the app falls silent. As it is, the app's silence is silence on the wire. A closed FD ends it all.
 """
 
 from __future__ import annotations
@@ -24,10 +25,11 @@ from typing import Any
 from mavsdk.asyncio import ComponentType, Configuration, Mavsdk
 from mavsdk.asyncio.exceptions import MavsdkConnectionError
 from mavsdk.logging import LogLevel, log_subscribe
-from mavsdk.plugins.mavlink_direct import MavlinkDirect, MavlinkMessage
+from mavsdk.plugins.mavlink_direct import MavlinkDirect, MavlinkDirectError, MavlinkMessage
 
 from circumnav_mav.mavlink.codec import Decoder, Message, Packer, Splitter
 from circumnav_mav.mavlink.dialect import by_name
+from circumnav_mav.mavlink.link import SETPOINTS
 from circumnav_mav.runtime.mavsdk_link import STAMP
 
 OLD_S = 0.1
@@ -38,7 +40,7 @@ COMPONENT = 191
 EXIT_LINK = 3
 SENT = frozenset(
     {
-        *("SET_POSITION_TARGET_LOCAL_NED", "SET_ATTITUDE_TARGET"),
+        *SETPOINTS,
         *("COMMAND_LONG", "COMMAND_INT", "COMMAND_ACK", "PARAM_REQUEST_READ", "TIMESYNC", "STATUSTEXT"),
         *("ORBIT_EXECUTION_STATUS", "DEBUG_VECT", "DEBUG_FLOAT_ARRAY"),
     }
@@ -82,7 +84,13 @@ class Child:
             for frame in self._splitter.feed(data[STAMP.size :], whole=True):
                 message = self._decoder.decode(frame)
                 if message is not None and self._direct is not None and time.monotonic() - given_s < OLD_S:
-                    self._direct.send_message(to_mavsdk(message))
+                    self._send(message)
+
+    def _send(self, message: Message) -> None:
+        try:
+            self._direct.send_message(to_mavsdk(message))
+        except MavlinkDirectError:
+            self.dropped[message.name] += 1
 
     async def _session(self) -> None:
         config = Configuration.create_with_component_type(ComponentType.COMPANION_COMPUTER)

@@ -113,4 +113,4 @@ def held_note(held_s: float, duration_s: float, speed: float) -> str:
     if share < HELD_UP:
         return ""
     stood = f"the clock stood still for {100.0 * share:.0f} % of the time"
-    return f"this machine does not keep up with {speed:g} x real time: {stood} (the flight is the same, only slower)"
+    return f"this machine does not keep up with {speed:g} x real time: {stood}"

@@ -104,9 +104,10 @@ def number(value: Any, form: str, unit: str = "") -> str:
 
 def summary_line(s: dict[str, Any]) -> str:
     """Return the state in one line."""
+    target = f"target {s['target']}  " if s["target"] else ""
     return (
         f"{s['phase']:<12} r {number(s['r_m'], '.1f', ' m')}  error {number(s['error_m'], '+.2f', ' m')}  "
-        f"u {number(s['turn_rate_rad_s'], '+.3f', ' rad/s')}  {s['waiting_for']}"
+        f"u {number(s['turn_rate_rad_s'], '+.3f', ' rad/s')}  {target}rejected {s['rejected']}  {s['waiting_for']}"
     ).rstrip()
 
 

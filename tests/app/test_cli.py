@@ -90,7 +90,7 @@ def test_check_passes_every_shipped_configuration_without_a_warning(path):
     errors = [line for line in done.stdout.splitlines() if line.startswith("ERROR")]
     # What tune starts from loses flights in its wind: docs/tuning.md counts them.
     assert len(errors) == done.exit_code == (path.name == "scenario_r.yaml")
-    assert all("law hashemi2013 loses the target in wind" in line for line in errors)
+    assert all("law hashemi2013 loses flights in wind" in line for line in errors)
     if path.name != "scenario_r.yaml":
         assert not [line for line in done.stdout.splitlines() if line.startswith("warning")]
 

@@ -66,6 +66,7 @@ def test_the_json_has_the_documented_fields_and_null_for_what_is_not_there(tmp_p
             "limited",
             "rejected",
             "duration_s",
+            "target",
         ),
     }
     assert (read["settle_time_s"], read["sample_age_p99_s"], read["error_from"]) == (None, None, "estimate")
@@ -87,6 +88,34 @@ def test_what_was_taken_from_the_law_is_a_share_of_the_engaged_ticks():
     summary = summarise(Config(), RESULT, ticks, None)
     assert summary.limited == {"saturated": 0.6667, "slewed": 0.3333, "barrier": 0.0}
     assert any("saturated 66.7%, slewed 33.3%, barrier 0.0%" in line for line in lines(summary))
+
+
+def test_the_place_of_the_target_is_the_last_that_was_known_while_engaged():
+    columns = {
+        "target_lat_deg": ["", "47.5", "47.6", "", "47.9"],
+        "target_lon_deg": ["", "8.5", "8.6", "", "8.9"],
+        "target_east_m": ["", "10", "-20", "", "99"],
+        "target_north_m": ["", "5", "30", "", "99"],
+        "target_sigma_m": ["", "4", "2.5", "", "9"],
+        "drift_east_m_s": ["", "1", "1.5", "", "9"],
+        "drift_north_m_s": ["", "0", "-0.5", "", "9"],
+        "drift_sigma_m_s": ["", "", "", "", "9"],
+    }
+    ticks = {
+        "t_s": ["1", "2", "3", "4", "5"],
+        "phase": ["ready", "acquiring", "orbiting", "coasting", "released"],
+        "r_m": ["60"] * 5,
+        "sample_age_s": ["0"] * 5,
+    }
+    summary = summarise(Config(), RESULT, ticks | columns, None)
+    assert summary.target is not None
+    assert (summary.target["t_s"], summary.target["target_east_m"], summary.target["drift_sigma_m_s"]) == (3, -20, None)
+    (line,) = [line for line in lines(summary) if line.startswith("target")]
+    assert line == (
+        "target     -20 m east, +30 m north ± 2.5 m (47.600000, 8.600000) of the aircraft at 3.0 s; "
+        "drift +1.5 m/s east, -0.5 m/s north"
+    )
+    assert summarise(Config(), RESULT, ticks, None).target is None
 
 
 def test_a_flight_without_a_truth_is_drawn_too(tmp_path):

@@ -168,8 +168,11 @@ def flight_with(messages: list[bytes]) -> Flight:
     [
         ([], "0"),
         ([beacon(1, 3.0)] * 9, "9 (the autopilot's own)"),
-        ([beacon(1, 3.0)] * 9 + [beacon(158, 500.0)] * 4, "13, most out_of_range (4)"),
-        ([beacon(158, 50.0), *[beacon(159, 51.0)] * 5, *[beacon(1, 3.0)] * 9], "14, most wrong_source (5)"),
+        ([beacon(1, 3.0)] * 9 + [beacon(158, 500.0)] * 4, "13: 9 of the autopilot's own, then out_of_range 4"),
+        (
+            [beacon(158, 50.0), *[beacon(159, 51.0)] * 5, *[beacon(1, 3.0)] * 9],
+            "14: 9 of the autopilot's own, then wrong_source 5",
+        ),
     ],
 )
 def test_a_flight_shows_the_commonest_reason_beside_the_total(messages, words):

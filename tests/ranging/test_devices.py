@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from circumnav_mav.ranging import SOURCES, ByteReceiver, Settings, open_receiver
+from circumnav_mav.ranging import SOURCES, ByteReceiver, Settings, open_receiver, replay
 from circumnav_mav.types import RangeSample, Rejected
 from sitl_stub.devices import (
     DEVICES,
@@ -131,3 +131,13 @@ def test_every_source_of_bytes_has_its_device():
 def test_an_id_that_the_device_cannot_have_is_refused_in_words(device, beacon_id):
     with pytest.raises(ValueError, match=f"not {beacon_id}"):
         DEVICES[device](beacon_id)
+
+
+@pytest.mark.parametrize(
+    ("cell", "beacon_id"), [("3", 3), ("3.0", 3), ("", None), ("3.5", "refused"), ("x", "refused")]
+)
+def test_a_replayed_beacon_may_be_written_as_a_table_writes_it(cell, beacon_id):
+    """Spreadsheets put a byte order mark before the header, and a point into whole numbers beside empty cells."""
+    assert replay.parse("\ufeff" + replay.HEADER, 0.0) == []
+    (read,) = replay.parse(f"1.0,50.0,,,{cell}", 0.0)
+    assert beacon_id == ("refused" if isinstance(read, Rejected) else read.beacon_id)

@@ -100,7 +100,7 @@ def test_check_says_which_laws_lose_the_target_in_wind(kind):
         found = check(**base, law=hashemi)
         assert "law" not in check(**base, law={"name": "tangent"}, estimator={"name": "drift"})
         if drifts:
-            assert found["law"].severity == severity and "about a quarter of the speed" in found["law"].text
+            assert found["law"].severity == severity and "in wind above 0.2 of the speed" in found["law"].text
         elif wind in (None, 3.0):
             assert "law" not in found
         else:  # of the target, say: wind is held against

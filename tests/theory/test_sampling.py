@@ -129,7 +129,7 @@ def test_check_bounds_the_gain_by_the_rate_of_ranges():
     noisy = {"ranging": {"sigma_m": 5.0}, "estimator": {"name": "direct"}}
     assert check(**noisy, law={"kappa": 5.0})["range_rate"].severity == "warning"
     assert check(estimator={"name": "direct"})["range_rate"].severity == "info"
-    assert "add nothing" in check(estimator={"name": "polar"})["range_rate"].text
+    assert "adds nothing" in check(estimator={"name": "polar"})["range_rate"].text
 
 
 TANGENT = {"law": {"name": "tangent"}, "estimator": {"name": "drift"}}

@@ -15,6 +15,7 @@ from pathlib import Path
 
 import pytest
 
+from circumnav_mav.config import Config
 from circumnav_mav.config_file import ConfigError, parse
 from circumnav_mav.endpoint import Endpoint
 from circumnav_mav.mavlink.autopilot import Autopilot
@@ -23,8 +24,12 @@ from circumnav_mav.mavlink.dialect import by_name
 
 pytest.importorskip("mavsdk", reason="mavsdk is not installed")
 
-from circumnav_mav.runtime.mavsdk_child import SENT, fields_of, to_mavsdk
-from circumnav_mav.runtime.mavsdk_link import MavsdkLink
+from mavsdk.plugins.mavlink_direct import MavlinkDirectError
+
+from circumnav_mav.mavlink.link import SETPOINTS
+from circumnav_mav.runtime.demo import demo_speed
+from circumnav_mav.runtime.mavsdk_child import OLD_S, SENT, Child, fields_of, to_mavsdk
+from circumnav_mav.runtime.mavsdk_link import STAMP, MavsdkLink
 from circumnav_mav.runtime.transport import LinkError
 from circumnav_mav.runtime.udp import UdpLink
 
@@ -58,6 +63,68 @@ def test_a_message_survives_the_way_through_json(name):
         said = json.loads(sent.fields_json)
         again = Packer(1, 1).pack(name, **fields_of(name, said))
         assert again == frame
+
+
+class Spoken:
+    """Stands for MAVSDK's mavlink_direct."""
+
+    def __init__(self) -> None:
+        self.names: list[str] = []
+
+    def send_message(self, message) -> None:
+        if message.message_name == "TIMESYNC":
+            raise MavlinkDirectError(1, "refused")
+        self.names.append(message.message_name)
+
+
+@pytest.fixture
+def child():
+    """A child whose vehicle was found, and the app's end of the pair."""
+    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    theirs.setblocking(False)
+    with ours, theirs:
+        child = Child("udpin://127.0.0.1:0", theirs, 0)
+        child._direct = Spoken()
+        yield child, ours
+
+
+def given(ours: socket.socket, name: str, age_s: float = 0.0) -> None:
+    payload, shape = random_payload(name, random.Random(name)), by_name(name)
+    frame = Packer(1, 191).pack(name, **shape.unpack(payload, 0, len(payload))._asdict())
+    ours.send(STAMP.pack(time.monotonic() - age_s) + frame)
+
+
+@pytest.mark.parametrize("name", sorted(SETPOINTS))
+def test_a_setpoint_goes_out_once_and_one_that_waited_does_not(child, name):
+    child, ours = child
+    for age_s in (5.0, 2.0 * OLD_S, 0.0, 1.1 * OLD_S):
+        given(ours, name, age_s)
+    child._read()
+    child._read()
+    assert child._direct.names == [name]
+
+
+def test_before_the_vehicle_is_found_nothing_goes_out_or_waits(child):
+    child, ours = child
+    spoken, child._direct = child._direct, None
+    given(ours, "COMMAND_LONG")
+    child._read()
+    child._direct = spoken
+    child._read()
+    assert spoken.names == []
+
+
+def test_what_mavsdk_refuses_is_counted_and_ends_nothing(child):
+    child, ours = child
+    given(ours, "TIMESYNC")
+    given(ours, "COMMAND_ACK")
+    child._read()
+    assert child._direct.names == ["COMMAND_ACK"] and child.dropped == {"TIMESYNC": 1}
+
+
+def test_a_demo_through_mavsdk_keeps_real_time():
+    assert demo_speed(Config()) == 5.0
+    assert demo_speed(Config(vehicle={"library": "mavsdk"})) == 1.0
 
 
 def test_what_is_not_a_number_goes_as_null_and_comes_back():
