@@ -82,6 +82,11 @@ def study(
             paper.write_json(result, json)
 
 
+def _each_once(names: list[str]) -> list[str]:
+    """Return the names in order, one given twice once: it would be flown twice for the same row."""
+    return list(dict.fromkeys(names))
+
+
 def compare(
     scenario: Annotated[Several, typer.Option(help="by name; may be given again (default: all)")] = None,
     law: Annotated[Several, typer.Option(help="by name; may be given again (default: our best)")] = None,
@@ -104,8 +109,8 @@ def compare(
         from circumnav_mav.study.scheduler import executor
 
         best_law, best_estimator = study_compare.BEST
-        laws = law or (list(LAWS) if everything else [best_law])
-        estimators = estimator or (list(ESTIMATORS) if everything else [best_estimator])
+        laws = _each_once(law or (list(LAWS) if everything else [best_law]))
+        estimators = _each_once(estimator or (list(ESTIMATORS) if everything else [best_estimator]))
         for line in [] if everything else study_compare.left_out(laws, estimators):
             typer.echo(line, err=True)
         rows: list[study_compare.Row] = []
@@ -121,7 +126,7 @@ def compare(
 
             try:
                 study_compare.compare(
-                    scenario or list(SCENARIOS),
+                    _each_once(scenario or list(SCENARIOS)),
                     laws,
                     estimators,
                     runs,

@@ -11,6 +11,7 @@ from circumnav_mav.guidance.estimators import ESTIMATORS
 from circumnav_mav.guidance.estimators.flying import TRAIL_S
 from circumnav_mav.guidance.estimators.gate import believed_s
 from circumnav_mav.guidance.kernel import EstimatorContext
+from circumnav_mav.guidance.laws import LAWS
 from circumnav_mav.guidance.verdict import Finding
 from circumnav_mav.ranging import SOURCES
 
@@ -109,6 +110,21 @@ def carried_far(config: Config) -> Iterator[Finding]:
             text += f", more in the wind of {wind_m_s:g} m/s, in which some flights are lost" if wind_m_s else ""
             text += f": fly wider than {r_a:g} m, or take a better or a quicker sensor"
         yield Finding("warning" if noisy else "info", "range_rate", text)
+        yield from _restless(config, rms_m)
+
+
+def _restless(config: Config, rms_m: float) -> Iterator[Finding]:
+    """Yield a warning where `tangent` turns what the estimate is off by into more turning than the circle takes."""
+    law = LAWS["tangent"].parameters(config.law.options, config.law_context())
+    circle_rad_s = config.orbit.speed_m_s / config.orbit.radius_m
+    asked_rad_s = law.gain * rms_m / law.reach
+    if asked_rad_s > sampling.MOST_NOISE_SHARE * circle_rad_s:
+        text = (
+            f"an estimate that is off by {rms_m:.2g} m asks for {asked_rad_s:.2g} rad/s through law.gain_per_s = "
+            f"{law.gain:g} and law.reach_s = {law.reach / config.orbit.speed_m_s:g}, where the circle takes "
+            f"{circle_rad_s:.2g}: the vehicle is never still; a lower gain or a longer reach keeps the range as well"
+        )
+        yield Finding("warning", "effort", text)
 
 
 def ages(config: Config) -> Iterator[Finding]:

@@ -47,6 +47,9 @@ def kappa_of_use(r_a: float, V: float, lag_s: float) -> float:
     return r_a / (V * lag_s)
 
 
+MOST_NOISE_SHARE = 2.0
+"""Turn rate that noise asks for through the gains of `tangent`, beside the circle's: from where on the effort grows."""
+
 MOST_TURN_RAD = {"direct": 0.4, "drift": 0.75, "polar": 0.4}
 """How far the sight may turn between two ranges, the tail wind counted in. Measured: docs/estimation.md."""
 

@@ -110,7 +110,7 @@ FIELDS = (
 
 def test_the_command_writes_the_rows_as_json(tmp_path):
     path = tmp_path / "rows.json"
-    done = run("compare", "--scenario", "P_calm", "--runs", "5", "--seed", "3", "--json", str(path))
+    done = run("compare", *["--scenario", "P_calm"] * 2, "--runs", "5", "--seed", "3", "--json", str(path))
     assert done.exit_code == 0
     (row,) = json.loads(path.read_text())
     assert " ".join(row) == FIELDS

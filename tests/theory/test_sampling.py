@@ -162,6 +162,27 @@ def test_check_warns_where_polar_loses_sight_between_ranges():
         assert "sight" not in check(**base, law={"name": law}, study={"range_rate_hz": 0.5})
 
 
+@pytest.mark.parametrize("law", ["hashemi2013", "pd_bias", "sliding_mode"])
+def test_check_warns_where_direct_has_too_few_ranges(law):
+    """Measured at 5 m/s and 50 m in a fifth of wind: 5 % lost with a range in 6 s (0.75 rad), none in 2.5 s."""
+    base = {"estimator": {"name": "direct"}, "law": {"name": law}, "ranging": {"max_age_s": 60.0}}
+    assert check(**base, study={"range_rate_hz": 0.02})["sight"].severity == "warning"
+    assert check(**base, study={"range_rate_hz": 0.16})["sight"].severity == "warning"
+    assert "sight" not in check(**base, study={"range_rate_hz": 0.5})
+
+
+@pytest.mark.parametrize(
+    ("options", "warned"),
+    [({}, False), ({"gain_per_s": 10.0}, False), ({"gain_per_s": 50.0}, True), ({"reach_s": 0.01}, True)],
+)
+def test_check_warns_of_gains_that_turn_noise_into_turning(options, warned):
+    """Flown at 5 m/s on 50 m: u^2 of 1.00, 1.08, 48 and 9.5 times the circle's."""
+    found = check(estimator={"name": "drift"}, law={"name": "tangent", **options}, study={"range_rate_hz": 10.0})
+    assert ("effort" in found) == warned
+    if warned:
+        assert found["effort"].severity == "warning" and "the vehicle is never still" in found["effort"].text
+
+
 @pytest.mark.parametrize(
     ("r_a", "V_", "sigma_m", "hz"),
     [(80.0, 12.0, 0.1, 1.0), (80.0, 12.0, 1.0, 10.0), (80.0, 12.0, 3.0, 0.5), (50.0, 5.0, 1.0, 1.0)],
