@@ -188,7 +188,7 @@ def test_an_orbit_is_flown_through_either_library(paced_field, library):
 
 @pytest.mark.realtime
 @pytest.mark.soak
-@pytest.mark.parametrize("name", ["px4_fixed_wing", "px4_fixed_wing_position", "px4_multirotor_attitude"])
+@pytest.mark.parametrize("name", ["px4_fixed_wing", "px4_multirotor_attitude"])
 def test_any_kind_of_setpoint_is_flown_through_mavsdk(tmp_path, name):
     """MAVSDK's own offboard calls take no quaternion; its messages do, and every setpoint goes through as it is."""
     if VEHICLES[name].airframe == "fixed_wing":
