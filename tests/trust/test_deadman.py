@@ -280,7 +280,8 @@ def test_a_setpoint_that_waited_for_mavsdk_is_dropped(field):
     assert field.mode == "AUTO/LOITER"
     os.kill(child, signal.SIGCONT)
     field.run(2.0)
-    assert field.since(stopped_s + 0.1) == []
+    late = field.since(stopped_s + 0.1)
+    assert len(late) <= 1, "beside the one that MAVSDK itself may have had in hand when it was stopped"
     assert field.mode == "AUTO/LOITER"
 
 
