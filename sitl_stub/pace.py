@@ -14,6 +14,7 @@ from pathlib import Path
 
 LEAD_S = 0.1
 HOLD_S = 5.0
+LOOK_S = 0.05  # one look proves no longer a stand than this: a machine that stands still holds both processes up
 SIZE = 16
 
 
@@ -26,14 +27,16 @@ class Pace:
                 raise ValueError(f"{path} is no pace file: it must hold {SIZE} bytes, two doubles")
             self._reached = memoryview(mmap.mmap(file.fileno(), SIZE)).cast("d")
         self._companion_s = math.nan
-        self._moved_wall_s = -math.inf
+        self._wall_s = math.inf
+        self._still_s = 0.0
 
     def limit_s(self, now_s: float, wall_s: float) -> float:
         """Tell the companion that the vehicle has reached now_s; return the flight time up to which it may go."""
         self._reached[0] = now_s
         companion_s = self._reached[1]
         if companion_s != self._companion_s:
-            self._companion_s, self._moved_wall_s = companion_s, wall_s
-        if math.isnan(companion_s) or wall_s - self._moved_wall_s > HOLD_S:
-            return math.inf
-        return companion_s + LEAD_S
+            self._companion_s, self._still_s = companion_s, 0.0
+        else:
+            self._still_s += min(max(wall_s - self._wall_s, 0.0), LOOK_S)
+        self._wall_s = wall_s
+        return math.inf if math.isnan(companion_s) or self._still_s > HOLD_S else companion_s + LEAD_S

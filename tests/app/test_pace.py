@@ -87,6 +87,20 @@ def test_who_stands_still_for_long_is_given_up_and_met_again(wall, held, patienc
     assert wall.vehicle_s > other_s if held == "app" else wall.app_s > other_s + 4.0 * SPEED
 
 
+@pytest.mark.parametrize("first", ["app", "vehicle"])
+def test_a_machine_that_stands_still_holds_both_up_and_neither_is_given_up(wall, first):
+    """Both find the wall clock far ahead; whoever is back first sees the other where it was, and that proves nothing."""
+    wall.run(1.0)
+    app_s, vehicle_s = wall.app_s, wall.vehicle_s
+    for _ in range(5):
+        wall.s += 2.0 * max(app_end.HOLD_S, stub_end.HOLD_S)
+        wall.run(0.01, app=first == "app", vehicle=first == "vehicle")
+        wall.run(0.1)
+    assert wall.app_s - app_s <= 5 * (0.11 * SPEED + 2 * app_end.LEAD_S)
+    assert wall.vehicle_s - vehicle_s <= 5 * (0.11 * SPEED + 2 * stub_end.LEAD_S)
+    assert max(wall.ahead_s) - min(wall.ahead_s) <= 2 * app_end.LEAD_S
+
+
 def test_an_app_that_was_frozen_finds_the_time_that_the_vehicle_flew_without_it(wall):
     wall.run(1.0)
     app_s = wall.app_s
