@@ -38,7 +38,8 @@ def test_drift_predicts_as_the_matrix_equations_do():
         F[0, 2] = F[1, 3] = -dt
         F[0, 4], F[1, 4] = -dx, -dy
         Q = np.diag([par.q_p, par.q_p, par.q_w, par.q_w, par.q_s]) * dt
-        got, state = matrix(drift_gaussian.predict(h, dx, dy, dt, par.q_p, par))
+        leg = drift_gaussian.Leg(dx, dy, dt, par.q_p * dt, par.q_w * dt, par.q_s * dt)
+        got, state = matrix(drift_gaussian.predict(h, leg))
         assert got == pytest.approx(F @ P @ F.T + Q, rel=1e-9, abs=1e-9)
         assert state == pytest.approx(F @ mean - np.array([dx, dy, 0, 0, 0]), rel=1e-9)
 
@@ -72,7 +73,8 @@ def test_drift_updates_as_the_matrix_equations_do_in_polar_coordinates(what):
         want = mean + step
         want[:2] = (r + along) * np.array([math.cos(bearing + swing), math.sin(bearing + swing)])
         if what == "range":
-            new, _ = drift_gaussian.use_range(h, measure(mean) + error, 0.25, 9.0)
+            new, nis, missed_by, _ = drift_gaussian.use_range(h, drift_gaussian.STILL, measure(mean) + error, 0.25, 9.0)
+            assert (nis, missed_by) == pytest.approx((error**2 / S, error), rel=1e-6)
         else:
             new = drift_gaussian.use_rate(h, measure(mean) + error, m, 0.25, 9.0)
         got, state = matrix(new)
@@ -83,17 +85,45 @@ def test_drift_updates_as_the_matrix_equations_do_in_polar_coordinates(what):
 
 def test_a_reading_beyond_the_gate_costs_and_does_not_move():
     h, _, _ = drift_hypothesis(np.random.default_rng(3))
-    hit, _ = drift_gaussian.use_range(h, math.hypot(h.px, h.py) + 1e4, 1.0, 4.0)
+    hit, nis, _, _ = drift_gaussian.use_range(h, drift_gaussian.STILL, math.hypot(h.px, h.py) + 1e4, 1.0, 4.0)
+    assert nis > 16.0
     assert hit[:-1] == h[:-1]
     assert hit.log_weight < h.log_weight - 7.9
 
 
-def test_a_split_keeps_the_mean_and_the_covariance():
+@pytest.mark.parametrize("error", [0.3, 1e4])
+def test_a_range_at_the_end_of_a_leg_is_the_leg_and_then_the_range(error):
+    h, _, _ = drift_hypothesis(np.random.default_rng(4))
+    leg = drift_gaussian.Leg(1.5, -0.7, 0.3, 0.01, 0.002, 1e-6)
+    there = drift_gaussian.predict(h, leg)
+    z = math.hypot(there.px, there.py) + error
+    at_once, nis, missed_by, _ = drift_gaussian.use_range(h, leg, z, 1.0, 4.0)
+    then, *judged, _ = drift_gaussian.use_range(there, drift_gaussian.STILL, z, 1.0, 4.0)
+    assert at_once == pytest.approx(then, rel=1e-9)
+    assert [nis, missed_by] == pytest.approx(judged, rel=1e-9)
+    assert missed_by == pytest.approx(error)
+
+
+@pytest.mark.parametrize("far_m", [0.0, 1e4])
+def test_a_refused_range_leaves_the_ring_as_the_leg_does(far_m):
+    """Whether beyond the gate of a hypothesis or not: an unlikely one has no say in the refusal."""
+    par, leg = drift.parameters({}, CONTEXT), drift_gaussian.Leg(1.5, -0.7, 0.3, 0.01, 0.002, 1e-6)
+    long, other = (drift.ring_member(300.0, bearing, 1.0, par, -bearing) for bearing in (0.4, 2.0))
+    short = drift_gaussian.cut(other)[0]
+    middle, left, right = drift_gaussian.cut(drift_gaussian.predict(long, leg))
+    bank = [long, short]
+    used, nis, carried, _ = drift.tried(bank, leg, 300.0 + far_m, 1.0, par.gate)
+    assert not np.allclose(used, [middle, drift_gaussian.predict(short, leg), left, right])
+    drift.carry_only(bank, leg, used, nis, carried, par.gate)
+    assert np.array(bank) == pytest.approx(np.array([middle, drift_gaussian.predict(short, leg), left, right]))
+
+
+def test_what_is_too_long_is_said_and_cut_in_three_that_keep_the_mean_and_the_covariance():
     par = drift.parameters({}, CONTEXT)
     h = drift.ring_member(300.0, 0.4, 1.0, par, 0.0)
-    bank = [drift_gaussian.again(h, 1.0, 0.0)]
-    drift.split(bank)
-    assert len(bank) == 3
+    bank = drift_gaussian.cut(h)
+    too_long = [drift_gaussian.use_range(one, drift_gaussian.STILL, 300.0, 1.0, 4.0)[3] for one in (h, *bank)]
+    assert too_long == [True, False, False, False]
     assert sum(b.xx + b.yy for b in bank) < 3 * 0.55 * (h.xx + h.yy)
     weights = np.exp([b.log_weight for b in bank])
     assert weights.sum() == pytest.approx(1.0, abs=2e-3)
@@ -182,7 +212,8 @@ def test_drift_knows_how_wrong_it_is():
                 nis.append(mem.nis)
             moved = world.step()
         calm = max((h for h in bank if h.stir == 1.0), key=lambda h: h.log_weight)
-        P, mean = matrix(drift_gaussian.predict(calm, *displacement(moved), moved.dt, par.q_p, par))
+        noise = np.array([par.q_p, par.q_w, par.q_s]) * moved.dt
+        P, mean = matrix(drift_gaussian.predict(calm, drift_gaussian.Leg(*displacement(moved), moved.dt, *noise)))
         bearing = math.atan2(mean[1], mean[0])
         swing = math.remainder(math.atan2(world.p[1], world.p[0]) - bearing, 2 * math.pi)
         local = np.array([np.hypot(*world.p) - np.hypot(*mean[:2]), swing * np.hypot(*mean[:2])])

@@ -11,13 +11,15 @@ the flight leave one. An alarm on its innovations starts the ring again.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from math import atan2, cos, hypot, isnan, nan, pi, sin, sqrt
+from math import atan2, cos, hypot, isnan, nan, pi, sin
 
 from circumnav_mav.guidance.estimators.drift_gaussian import (
+    STILL,
     Drift,
+    Leg,
     Parameters,
     again,
-    gained,
+    cut,
     predict,
     use_range,
     use_rate,
@@ -27,8 +29,8 @@ from circumnav_mav.guidance.estimators.ring import (
     LIKELY,
     NEVER,
     TWIN,
+    all_refuse,
     best_of,
-    judged,
     merge,
     prune,
     smoothed,
@@ -47,9 +49,6 @@ from circumnav_mav.guidance.kernel import (
 
 RING = 16
 """Gaussians over the bearing at the start."""
-
-SPLIT = 0.16
-"""A hypothesis longer across the line of sight than this share of the range is cut."""
 
 KEPT_RATE = 0.2
 """How well a belief that falls knows the range rate, as a share of the airspeed."""
@@ -104,38 +103,19 @@ def seed_again(bank: list[Drift], mem: Memory, m: Moved, z: Reading, par: Parame
     prune(bank)
 
 
-def split(bank: list[Drift]) -> None:
-    """Cut hypotheses that are too long across the line of sight in three: a Gaussian cannot bend around the target.
-
-    Three Gaussians of 0.70 times the length, 1.06 standard deviations apart, that weigh 0.225, 0.55 and 0.225 have the
-    variance of the one; what is correlated with the position across moves along.
-    """
-    for i in range(len(bank)):
-        if len(bank) > RING:
-            return
-        h = bank[i]
-        rr = h.px * h.px + h.py * h.py
-        if h.xx + h.yy < SPLIT * SPLIT * rr:
-            continue
-        r = max(sqrt(rr), 1e-3)
-        c, s = -h.py / r, h.px / r
-        across = c * c * h.xx + 2.0 * s * c * h.xy + s * s * h.yy
-        if across < (SPLIT * r) ** 2:
-            continue
-        gx, gy = c * h.xx + s * h.xy, c * h.xy + s * h.yy
-        gu, gv, gs = c * h.xu + s * h.yu, c * h.xv + s * h.yv, c * h.xs + s * h.ys
-        inv, step = 0.5037 / across, 1.0575 / 0.5037 * sqrt(across)
-        bank[i] = gained(h, gx, gy, gu, gv, gs, inv, 0.0, h.log_weight - 0.5985)
-        bank.append(gained(h, gx, gy, gu, gv, gs, inv, step, h.log_weight - 1.4908))
-        bank.append(gained(h, gx, gy, gu, gv, gs, inv, -step, h.log_weight - 1.4908))
-
-
-def same(h: Drift, best: Drift) -> bool:
-    dx, dy = h.px - best.px, h.py - best.py
-    if h.stir != best.stir or dx * dx + dy * dy > 0.25 * (best.xx + best.yy):
-        return False
-    du, dv = h.wx - best.wx, h.wy - best.wy
-    return du * du + dv * dv < 0.25 * (best.uu + best.vv)
+def alike(bank: list[Drift]) -> list[bool]:
+    """Return which hypotheses have become the same as the likeliest: one kind of air, one place, one drift."""
+    best = bank[best_of(bank)]
+    px, py = best.px, best.py
+    near, same = 0.25 * (best.xx + best.yy), []
+    for h in bank:
+        dx, dy = h.px - px, h.py - py
+        twin = dx * dx + dy * dy <= near and h.stir == best.stir
+        if twin:
+            du, dv = h.wx - best.wx, h.wy - best.wy
+            twin = du * du + dv * dv < 0.25 * (best.uu + best.vv)
+        same.append(twin)
+    return same
 
 
 def possible(h: Drift, par: Parameters) -> bool:
@@ -160,22 +140,22 @@ def observe(bank: list[Drift], mem: Memory, m: Moved, z: Reading, par: Parameter
     after = follow(bank, mem, m, z, par)
     if isnan(m.psi) or not isnan(after.shelf_s):  # nothing to carry it by; or a newer one is on the shelf
         return after
-    dx, dy = displacement(m)
-    h = predict(h, dx, dy, m.dt, stray(m, par), par)
-    sigma_r = par.sigma_r if isnan(z.sigma_r) else z.sigma_r
-    used, nis = use_range(h, z.r, sigma_r * sigma_r, par.gate)
-    after = compared(after, mem, m.dt, z.r - hypot(h.px, h.py), nis, par.gate, 2.0 * par.gate * sigma_r)
+    leg, sigma_r = flown(m, par), par.sigma_r if isnan(z.sigma_r) else z.sigma_r
+    used, nis, error, _ = use_range(h, leg, z.r, sigma_r * sigma_r, par.gate)
+    after = compared(after, mem, m.dt, error, nis, par.gate, 2.0 * par.gate * sigma_r)
     if after.verdict == RETURNED:
         bank.clear()
         bank.append(again(used, used.stir, 0.0))
     elif not isnan(after.shelf_s):
-        bank.append(h)
+        bank.append(predict(h, leg))
     return after
 
 
-def stray(m: Moved, par: Parameters) -> float:
-    """Return the density of the noise of the reckoning, m^2/s: a vehicle that gathers way is told of it late."""
-    return par.q_p if m.V > SLOW_SHARE * par.V else max(par.q_p, (LATE_S * par.V) ** 2 / GATHERS_S)
+def flown(m: Moved, par: Parameters) -> Leg:
+    """Return the leg of a motion. A vehicle that gathers way is told of it late: its reckoning is noisier."""
+    q_p = par.q_p if m.V > SLOW_SHARE * par.V else max(par.q_p, (LATE_S * par.V) ** 2 / GATHERS_S)
+    dx, dy = displacement(m)
+    return Leg(dx, dy, m.dt, q_p * m.dt, par.q_w * m.dt, par.q_s * m.dt)
 
 
 def displacement(m: Moved) -> tuple[float, float]:
@@ -187,25 +167,17 @@ def displacement(m: Moved) -> tuple[float, float]:
 
 def follow(bank: list[Drift], mem: Memory, m: Moved, z: Reading, par: Parameters) -> Memory:
     """Carry the bank, nothing on the shelf, to the reading, judge it and use it."""
-    sigma_r = par.sigma_r if isnan(z.sigma_r) else z.sigma_r
+    sigma_r, gate = par.sigma_r if isnan(z.sigma_r) else z.sigma_r, par.gate
     variance = sigma_r * sigma_r
     if len(bank) == 0 or isnan(m.psi):  # without a heading, a displacement has no direction
         seed(bank, z, par, variance, 0.0)
         return remember(mem, m.dt, nan, 0.0 if isnan(m.psi) else 1.0, 1.0)
-    (dx, dy), q_p = displacement(m), stray(m, par)
-    for i in range(len(bank)):
-        bank[i] = predict(bank[i], dx, dy, m.dt, q_p, par)
-    split(bank)
-    used, nis = [], []
-    for h in bank:
-        after, n = use_range(h, z.r, variance, par.gate)
-        used.append(after)
-        nis.append(n)
-    least, leader = judged(bank, nis)
-    error = z.r - hypot(bank[0].px, bank[0].py)
-    if least > par.gate**2:
+    leg = flown(m, par)
+    used, nis, carried, error = tried(bank, leg, z.r, variance, gate)
+    if all_refuse(bank, nis, gate):
+        carry_only(bank, leg, used, nis, carried, gate)
         settled = len(bank) <= 2 * len(STIRS) and mem.stood_s >= AGREE_S
-        mem = refuse(mem, z.r, m.dt, 2.0 * par.V, 2.0 * par.gate * sigma_r, error)
+        mem = refuse(mem, z.r, m.dt, 2.0 * par.V, 2.0 * gate * sigma_r, error)
         if mem.verdict == RESTARTED:
             falls = bank[0]
             seed(bank, z, par, variance, atan2(falls.py, falls.px))
@@ -213,21 +185,61 @@ def follow(bank: list[Drift], mem: Memory, m: Moved, z: Reading, par: Parameters
                 bank.append(again(falls, falls.stir, NEVER))
                 return shelved(mem, 0.0, 0.0)
         return mem
+    rated = not isnan(z.r_dot)
     for i in range(len(bank)):
-        bank[i] = used[i] if isnan(z.r_dot) else use_rate(used[i], z.r_dot, m, par.sigma_r_dot**2, par.gate)
+        bank[i] = use_rate(used[i], z.r_dot, m, par.sigma_r_dot**2, gate) if rated else used[i]
     if len(bank) > len(STIRS):
-        best, alike = bank[best_of(bank)], []
-        for h in bank:
-            alike.append(same(h, best))
-        merge(bank, alike)
+        merge(bank, alike(bank))
     prune(bank)
     for stir in unflown(bank, STIRS):
         bank.append(again(bank[0], stir, bank[0].log_weight - TWIN))
-    alarm = smoothed(mem.alarm, min(leader, par.gate**2))
+    leader = nis[0]
+    alarm = smoothed(mem.alarm, min(leader, gate * gate))
     if alarm > par.alarm or not possible(bank[0], par):
         seed_again(bank, mem, m, z, par, variance)
         return restarted(mem, leader, 1.0)
     return remember(mem, m.dt, leader, 1.0, alarm, error)
+
+
+def tried(
+    bank: list[Drift], leg: Leg, z: float, variance: float, gate: float
+) -> tuple[list[Drift], list[float], list[bool], float]:
+    """Return what a leg and a range at its end would make of each hypothesis, and how they stand to that range.
+
+    That is: their normalised innovations squared, which of them stand at the end of the leg already, and the leader's
+    innovation, m. What has become too long is cut in the bank, and its parts do; the others stay at the beginning.
+    """
+    used, nis = [], []
+    carried, errors = [], []
+    for i in range(len(bank)):
+        after, n, error, too_long = use_range(bank[i], leg, z, variance, gate)
+        too_long = too_long and len(bank) <= RING
+        if too_long:
+            bank[i], left, right = cut(predict(bank[i], leg))
+            bank.append(left)
+            bank.append(right)
+            after, n, error, _ = use_range(bank[i], STILL, z, variance, gate)
+        used.append(after)
+        nis.append(n)
+        carried.append(too_long)
+        errors.append(error)
+    for i in range(len(used), len(bank)):
+        after, n, _, _ = use_range(bank[i], STILL, z, variance, gate)
+        used.append(after)
+        nis.append(n)
+        carried.append(True)
+    return used, nis, carried, errors[0]
+
+
+def carry_only(
+    bank: list[Drift], leg: Leg, used: list[Drift], nis: list[float], carried: list[bool], gate: float
+) -> None:
+    """Carry the bank over a leg whose range was tried, and refused."""
+    for i in range(len(bank)):
+        if not nis[i] <= gate * gate:  # it was carried, and had to pay
+            bank[i] = again(used[i], used[i].stir, bank[i].log_weight)
+        elif not carried[i]:
+            bank[i] = predict(bank[i], leg)
 
 
 def carry(bank: list[Drift], mem: Memory, m: Moved, par: Parameters) -> Estimate:

@@ -5,11 +5,15 @@ State (p, w, s) and equations as in drift.py.
 
 from __future__ import annotations
 
-from math import cos, hypot, log, sin, sqrt
+from math import cos, hypot, log, nan, sin, sqrt
 from typing import NamedTuple
 
 from circumnav_mav.guidance.estimators.ring import log_likelihood
 from circumnav_mav.guidance.kernel import Moved
+
+SPLIT = 0.16
+"""A hypothesis longer across the line of sight than this share of the range is cut: a Gaussian cannot bend around the
+target."""
 
 
 class Parameters(NamedTuple):
@@ -25,6 +29,20 @@ class Parameters(NamedTuple):
     alarm: float  # smoothed normalised innovation squared that restarts the ring
     w_most: float  # greatest drift that is plausible, m/s
     s_most: float  # greatest scale that is plausible
+
+
+class Leg(NamedTuple):
+    """What was flown between two readings, and the noise that it brings: the same for every hypothesis."""
+
+    dx: float  # reckoned displacement east, m
+    dy: float  # north, m
+    dt: float  # s
+    q_p: float  # what the variances of p gain, m^2
+    q_w: float  # those of w, for each of `stir`, m^2/s^2
+    q_s: float  # that of s, for each of `stir`
+
+
+STILL = Leg(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 class Drift(NamedTuple):
@@ -52,42 +70,6 @@ class Drift(NamedTuple):
     ss: float
     stir: float  # how many times the usual noise drives w and s
     log_weight: float
-
-
-def predict(h: Drift, dx: float, dy: float, dt: float, q_p: float, par: Parameters) -> Drift:
-    """Return the hypothesis after the reckoned displacement (dx, dy) in dt. Exact: the motion is linear.
-
-    q_p: density of the noise that drives p, m^2/s.
-    """
-    px, py, wx, wy, s, xx, xy, xu, xv, xs, yy, yu, yv, ys, uu, uv, us, vv, vs, ss, stir, log_weight = h
-    # cov(p') = cov(p - s d - w dt), the cross terms first
-    xu1, xv1, xs1 = xu - dx * us - dt * uu, xv - dx * vs - dt * uv, xs - dx * ss - dt * us
-    yu1, yv1, ys1 = yu - dy * us - dt * uv, yv - dy * vs - dt * vv, ys - dy * ss - dt * vs
-    q = stir * par.q_w * dt
-    return Drift(
-        px - (1.0 + s) * dx - wx * dt,
-        py - (1.0 + s) * dy - wy * dt,
-        wx,
-        wy,
-        s,
-        xx - dx * (xs + xs1) - dt * (xu + xu1) + q_p * dt,
-        xy - dy * xs - dt * xv - dx * ys1 - dt * yu1,
-        xu1,
-        xv1,
-        xs1,
-        yy - dy * (ys + ys1) - dt * (yv + yv1) + q_p * dt,
-        yu1,
-        yv1,
-        ys1,
-        uu + q,
-        uv,
-        us,
-        vv + q,
-        vs,
-        ss + stir * par.q_s * dt,
-        stir,
-        log_weight,
-    )
 
 
 def gained(
@@ -141,48 +123,70 @@ def again(h: Drift, stir: float, log_weight: float) -> Drift:
     return Drift(px, py, wx, wy, s, xx, xy, xu, xv, xs, yy, yu, yv, ys, uu, uv, us, vv, vs, ss, stir, log_weight)
 
 
-def use_range(h: Drift, z: float, variance: float, gate: float) -> tuple[Drift, float]:
-    """Return the hypothesis after a range, and its normalised innovation squared; beyond the gate it only costs.
+def use_range(h: Drift, leg: Leg, z: float, variance: float, gate: float) -> tuple[Drift, float, float, bool]:
+    """Return the hypothesis after a leg and a range at its end, and how it stood to that range at the end of the leg.
 
-    `gained` for a measurement along the sight, written out: the ring's whole cost is this and `predict`.
+    That is its normalised innovation squared, its innovation [m] and whether it was too long to use it (SPLIT). Beyond
+    the gate a range only costs.
+
+    The ring's whole cost is this: so the leg, which is linear and therefore exact, and `gained` for a measurement along
+    the sight are one, and what is made is made once.
     """
     px, py, wx, wy, s, xx, xy, xu, xv, xs, yy, yu, yv, ys, uu, uv, us, vv, vs, ss, stir, log_weight = h
-    r = max(sqrt(px * px + py * py), 1e-3)
+    dx, dy, dt, q_p, q_w, q_s = leg
+    # cov(p') = cov(p - s d - w dt), the cross terms first
+    xu1, xv1, xs1 = xu - dx * us - dt * uu, xv - dx * vs - dt * uv, xs - dx * ss - dt * us
+    yu1, yv1, ys1 = yu - dy * us - dt * uv, yv - dy * vs - dt * vv, ys - dy * ss - dt * vs
+    xx += q_p - dx * (xs + xs1) - dt * (xu + xu1)
+    xy -= dy * xs + dx * ys1 + dt * (xv + yu1)
+    yy += q_p - dy * (ys + ys1) - dt * (yv + yv1)
+    uu += stir * q_w
+    vv += stir * q_w
+    ss += stir * q_s
+    scale = 1.0 + s
+    px -= scale * dx + wx * dt
+    py -= scale * dy + wy * dt
+
+    r = sqrt(px * px + py * py)
+    if r < 1e-3:  # above the target every direction is that of the sight: take one
+        px, py, r = 1e-3, 0.0, 1e-3
     c, n = px / r, py / r
     gx, gy = c * xx + n * xy, c * xy + n * yy
-    along = c * gx + n * gy
+    along, most = c * gx + n * gy, SPLIT * r
+    long = xx + yy - along > most * most
     inv, error = 1.0 / (along + variance), z - r
-    nis = error * error * inv
-    log_weight -= 0.5 * (min(nis, gate * gate) - log(inv))
-    if nis > gate * gate:
-        return again(h, stir, log_weight), nis
-    gu, gv, gs = c * xu + n * yu, c * xv + n * yv, c * xs + n * ys
-    kx, ky, ku, kv, ks = gx * inv, gy * inv, gu * inv, gv * inv, gs * inv
-    swing, longer = (c * ky - n * kx) * error / r, max(1.0 + along * inv * error / r, 0.0)
-    xx -= kx * gx
-    xy -= kx * gy
-    yy -= ky * gy
-    xu -= kx * gu
-    xv -= kx * gv
-    xs -= kx * gs
-    yu -= ky * gu
-    yv -= ky * gv
-    ys -= ky * gs
+    nis, most = error * error * inv, gate * gate
+    if not nis <= most:  # nor for a range of NaN
+        log_weight -= 0.5 * (most - log(inv))
+        after = Drift(
+            px, py, wx, wy, s, xx, xy, xu1, xv1, xs1, yy, yu1, yv1, ys1, uu, uv, us, vv, vs, ss, stir, log_weight
+        )
+        return after, nis, error, long
+    gu, gv, gs = c * xu1 + n * yu1, c * xv1 + n * yv1, c * xs1 + n * ys1
+    kx, ky = gx * inv, gy * inv
+    ku, kv, ks = gu * inv, gv * inv, gs * inv
+    share = error / r
+    swing, longer = (c * ky - n * kx) * share, 1.0 + along * inv * share
+    if longer < 0.0:
+        longer = 0.0
     c, n = cos(swing), sin(swing)
-    a, b = c * xx - n * xy, c * xy - n * yy
-    d, e = n * xx + c * xy, n * xy + c * yy
-    moved = Drift(
+    xx, xy, yy = xx - kx * gx, xy - kx * gy, yy - ky * gy
+    xu, xv, xs = xu1 - kx * gu, xv1 - kx * gv, xs1 - kx * gs
+    yu, yv, ys = yu1 - ky * gu, yv1 - ky * gv, ys1 - ky * gs
+    d, b = xx - yy, 2.0 * xy
+    turned = n * (n * d + c * b)
+    after = Drift(
         longer * (c * px - n * py),
         longer * (n * px + c * py),
         wx + ku * error,
         wy + kv * error,
         s + ks * error,
-        c * a - n * b,
-        n * a + c * b,
+        xx - turned,
+        xy + n * (c * d - n * b),
         c * xu - n * yu,
         c * xv - n * yv,
         c * xs - n * ys,
-        n * d + c * e,
+        yy + turned,
         n * xu + c * yu,
         n * xv + c * yv,
         n * xs + c * ys,
@@ -193,9 +197,34 @@ def use_range(h: Drift, z: float, variance: float, gate: float) -> tuple[Drift, 
         vs - kv * gs,
         ss - ks * gs,
         stir,
-        log_weight,
+        log_weight - 0.5 * (nis - log(inv)),
     )
-    return moved, nis
+    return after, nis, error, long
+
+
+def predict(h: Drift, leg: Leg) -> Drift:
+    """Return the hypothesis after a leg."""
+    after = use_range(h, leg, nan, 1.0, 0.0)[0]
+    return again(after, h.stir, h.log_weight)
+
+
+def cut(h: Drift) -> tuple[Drift, Drift, Drift]:
+    """Return three hypotheses for one that is too long across the line of sight, the likeliest first.
+
+    Three Gaussians of 0.70 times the length, 1.06 standard deviations apart, that weigh 0.55, 0.225 and 0.225 have the
+    variance of the one; what is correlated with the position across moves along.
+    """
+    r = max(hypot(h.px, h.py), 1e-3)
+    c, s = -h.py / r, h.px / r
+    gx, gy = c * h.xx + s * h.xy, c * h.xy + s * h.yy
+    gu, gv, gs = c * h.xu + s * h.yu, c * h.xv + s * h.yv, c * h.xs + s * h.ys
+    across = c * gx + s * gy
+    inv, step = 0.5037 / across, 1.0575 / 0.5037 * sqrt(across)
+    return (
+        gained(h, gx, gy, gu, gv, gs, inv, 0.0, h.log_weight - 0.5985),
+        gained(h, gx, gy, gu, gv, gs, inv, step, h.log_weight - 1.4908),
+        gained(h, gx, gy, gu, gv, gs, inv, -step, h.log_weight - 1.4908),
+    )
 
 
 def use_rate(h: Drift, z: float, m: Moved, variance: float, gate: float) -> Drift:

@@ -16,8 +16,8 @@ from circumnav_mav.guidance.estimators.gate import AGREE_S, compared, refuse, re
 from circumnav_mav.guidance.estimators.ring import (
     NEVER,
     TWIN,
+    all_refuse,
     best_of,
-    judged,
     log_likelihood,
     merge,
     prune,
@@ -178,9 +178,9 @@ def follow(bank: list[Polar], mem: Memory, m: Moved, z: Reading, par: Parameters
         h, n = use_range(bank[i], z.r, variance, par.gate)
         used.append(h)
         nis.append(n)
-    least, leader = judged(bank, nis)
+    leader = nis[0]
     error = z.r - bank[0].r
-    if least > par.gate**2:
+    if all_refuse(bank, nis, par.gate):
         settled = len(bank) <= 2 * len(STIRS) and mem.stood_s >= AGREE_S
         mem = refuse(mem, z.r, m.dt, 2.0 * par.V, 2.0 * par.gate * sigma_r, error)
         if mem.verdict == RESTARTED:

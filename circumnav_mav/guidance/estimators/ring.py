@@ -40,19 +40,23 @@ def best_of(bank: list[Any]) -> int:
     return best
 
 
-def judged(bank: list[Any], nis: list[float]) -> tuple[float, float]:
-    """Return the least normalised innovation squared of a reading among the likely hypotheses, and the leader's."""
-    likely = bank[best_of(bank)].log_weight - LIKELY
-    least, i = 1e300, 0
+def all_refuse(bank: list[Any], nis: list[float], gate: float) -> bool:
+    """Return whether a reading, with its normalised innovations squared, is beyond the gate of all that are likely."""
+    best, most = best_of(bank), gate * gate
+    if nis[best] <= most:
+        return False
+    likely, i = bank[best].log_weight - LIKELY, 0
     for h in bank:
-        if h.log_weight > likely and nis[i] < least:
-            least = nis[i]
+        if nis[i] <= most and h.log_weight > likely:
+            return False
         i += 1  # noqa: SIM113
-    return least, nis[0]
+    return True
 
 
 def merge(bank: list[Any], same: list[bool]) -> None:
     """Drop what has become the same as the best; where that is the leader, the best takes its place."""
+    if same.count(True) < 2:  # the best itself is
+        return
     best = best_of(bank)
     leads = same[0]
     for i in range(len(bank) - 1, 0, -1):
@@ -69,18 +73,23 @@ def prune(bank: list[Any]) -> None:
 
     Not for a near tie, or the vehicle would dither.
     """
-    best = best_of(bank)
-    least, kept = bank[best].log_weight - PRUNE, True
+    best, i = 0, 0
+    most = fewest = bank[0].log_weight
     for h in bank:
-        if h.log_weight < least:
-            kept = False
-    if not kept:
+        weight = h.log_weight
+        if weight > most:
+            best, most = i, weight
+        elif weight < fewest:
+            fewest = weight
+        i += 1  # noqa: SIM113
+    least = most - PRUNE
+    if fewest < least:
         for i in range(len(bank) - 1, -1, -1):
             if bank[i].log_weight < least:
                 bank.pop(i)
                 if i < best:
                     best -= 1
-    if bank[best].log_weight > bank[0].log_weight + CHANGE:
+    if most > bank[0].log_weight + CHANGE:
         bank[0], bank[best] = bank[best], bank[0]
 
 
@@ -91,7 +100,9 @@ def unflown(bank: list[Any], stirs: tuple[float, ...]) -> list[float]:
         for stir in stirs:
             flown = False
             for h in bank:
-                flown = flown or h.stir == stir
+                if h.stir == stir:
+                    flown = True
+                    break
             if not flown:
                 lacking.append(stir)
     return lacking
