@@ -109,11 +109,10 @@ def alike(bank: list[Drift]) -> list[bool]:
     px, py = best.px, best.py
     near, same = 0.25 * (best.xx + best.yy), []
     for h in bank:
-        dx, dy = h.px - px, h.py - py
-        twin = dx * dx + dy * dy <= near and h.stir == best.stir
-        if twin:
-            du, dv = h.wx - best.wx, h.wy - best.wy
-            twin = du * du + dv * dv < 0.25 * (best.uu + best.vv)
+        dx, twin = h.px - px, False
+        if dx * dx <= near:  # few are
+            dy, du, dv = h.py - py, h.wx - best.wx, h.wy - best.wy
+            twin = dx * dx + dy * dy <= near and du * du + dv * dv < 0.25 * (best.uu + best.vv) and h.stir == best.stir
         same.append(twin)
     return same
 

@@ -150,7 +150,8 @@ def use_range(h: Drift, leg: Leg, z: float, variance: float, gate: float) -> tup
     r = sqrt(px * px + py * py)
     if r < 1e-3:  # above the target every direction is that of the sight: take one
         px, py, r = 1e-3, 0.0, 1e-3
-    c, n = px / r, py / r
+    per_m = 1.0 / r
+    c, n = px * per_m, py * per_m
     gx, gy = c * xx + n * xy, c * xy + n * yy
     along, most = c * gx + n * gy, SPLIT * r
     long = xx + yy - along > most * most
@@ -165,7 +166,7 @@ def use_range(h: Drift, leg: Leg, z: float, variance: float, gate: float) -> tup
     gu, gv, gs = c * xu1 + n * yu1, c * xv1 + n * yv1, c * xs1 + n * ys1
     kx, ky = gx * inv, gy * inv
     ku, kv, ks = gu * inv, gv * inv, gs * inv
-    share = error / r
+    share = error * per_m
     swing, longer = (c * ky - n * kx) * share, 1.0 + along * inv * share
     if longer < 0.0:
         longer = 0.0
