@@ -85,7 +85,7 @@ def _place(scenario: Scenario, chance: np.random.Generator) -> tuple[Plant, Worl
     """Return the plant and the start of a run. Every draw is made in every scenario, so that they stay comparable."""
     near, far = scenario.start_m
     r = near + (far - near) * chance.random()
-    bearing, heading, wind, target = chance.random(4) * 2.0 * math.pi
+    bearing, heading, wind, target = (chance.random(4) * 2.0 * math.pi).tolist()
     if not math.isnan(scenario.start_bearing_deg):
         bearing = math.radians(scenario.start_bearing_deg)
     if not math.isnan(scenario.start_heading_deg):
