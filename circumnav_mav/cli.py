@@ -123,8 +123,9 @@ def check(
     Exit code 1: it will not hold the orbit. With --live also 4 for warnings, 1 for errors that stop a flight.
     """
     from circumnav_mav.check import consequences, findings, holds
+    from circumnav_mav.runtime.named_files import LOOKS
 
-    settings = load(config)
+    settings = load(config, LOOKS)
     found = findings(settings)
     for line in consequences(settings, found):
         typer.echo(line)
