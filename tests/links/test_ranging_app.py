@@ -133,8 +133,10 @@ def test_why_there_is_no_range_from_messages(bench):
 
 def test_why_there_is_no_range_from_a_device(linktrack):
     assert "is there a device" in linktrack.app.hint()
-    linktrack.hear(DEVICES["dwm1001_les"](3).encode(10.0, 0.0, 0.0) * 20)
+    linktrack.hear(b"temp=21.5 dist=12\r\n" * 20)
     assert "not linktrack: another baud rate than 921600?" in linktrack.app.hint()
+    linktrack.hear(DEVICES["dwm1001_les"](3).encode(10.0, 0.0, 0.0) * 40)
+    assert "not linktrack; ranges of dwm1001_les come there: set ranging.source" in linktrack.app.hint()
     for i in range(9):
         linktrack.hear(DEVICES["linktrack"](3).encode(0.0, 0.0, 0.1 * i))
     assert "no_reading" in linktrack.app.hint()
