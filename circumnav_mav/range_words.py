@@ -62,6 +62,9 @@ def why_none(heard: Heard) -> str:
     if not heard.messages and set(rejected) <= {Reason.BAD_FRAME}:
         return _lines(heard) or _not_its_own(heard)
     also = f"; {_instead(heard.others)}" if heard.others else ""
+    if rejected and heard.echoes == sum(rejected.values()):
+        own = f"only the autopilot's own ranges come on {endpoint} ({heard.echoes})"
+        return f"{own}: is the radio on, and does it send to this place?{also}"
     if rejected:
         return f"no range can be used: {commonest(rejected, heard.echoes)}{also}"
     names = " or ".join(sorted(heard.messages))

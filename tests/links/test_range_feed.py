@@ -189,6 +189,15 @@ def test_the_autopilot_s_own_ranges_are_not_called_the_reason_where_there_is_ano
     assert told == "no range can be used: 3 rejected, most of them out_of_range (3), beside 20 of the autopilot's own"
 
 
+def test_a_radio_that_is_off_is_not_called_a_wrong_source():
+    feed = feed_of("source: distance_sensor")
+    hear(feed, [beacon(1, 3.0)] * 20)
+    told = feed.why_none(feed.endpoint, 60.0)
+    assert (
+        told == f"only the autopilot's own ranges come on {UDP} (20): is the radio on, and does it send to this place?"
+    )
+
+
 def flight_with(messages: list[bytes]) -> Flight:
     flight = Flight(config(ranging={"max_m": 100.0}))
     for n, message in enumerate(messages, 1):

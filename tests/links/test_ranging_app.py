@@ -126,7 +126,7 @@ def test_why_there_is_no_range_from_messages(bench):
     b.hear(bytes(mavlink.MAVLink_heartbeat_message(2, 12, 0, 0, 4, 3).pack(mavlink.MAVLink(None, 1, 1))))
     assert "1 MAVLink frames" in b.app.hint() and "no DISTANCE_SENSOR" in b.app.hint()
     b.hear(distance(3.0, component=1))
-    assert "most of them wrong_source (1)" in b.app.hint()
+    assert "only the autopilot's own ranges come on udpin://127.0.0.1:0 (1): is the radio on" in b.app.hint()
     b.hear(distance(100.0))
     assert b.app.hint() == ""
 
