@@ -253,6 +253,15 @@ def test_what_a_sensor_says_is_not_listened_to_where_it_cannot_be_kept(tmp_path,
     assert done.exit_code == 2 and done.stderr.startswith("circumnav: cannot write into /proc/")
 
 
+def test_a_bias_that_cannot_be_written_is_found_before_the_listening(tmp_path, monkeypatch):
+    monkeypatch.setattr("circumnav_mav.runtime.ranging_session.RangingApp", lambda *_: pytest.fail("it listened"))
+    file = written(tmp_path, "ranging: {sigma_m: &s 1, bias_m: *s}")
+    done = run("ranging", file, "--calibrate", "10")
+    assert done.exit_code == 1
+    assert done.stderr.startswith(f"circumnav: cannot write ranging.bias_m to {file}: edited, it would not be YAML (")
+    assert done.stderr.endswith(": set ranging.bias_m by hand\n")
+
+
 def test_check_shows_what_the_estimator_needs(tmp_path):
     done = run("check", written(tmp_path, PLANE))
     assert "estimator  drift: needs heading, range, speed, turn rate; px4_fixed_wing has them" in done.output
