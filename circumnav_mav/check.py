@@ -13,6 +13,7 @@ from circumnav_mav.guidance.laws import LAWS
 from circumnav_mav.guidance.laws.hashemi2013 import DEFAULT_KAPPA, gain
 from circumnav_mav.guidance.verdict import Finding, Flight, Severity, report, report_plain, verdict
 from circumnav_mav.lag_advice import bears_lag, told_by_its_loop
+from circumnav_mav.option_advice import odd_options
 from circumnav_mav.range_advice import ages, carried_far, jumps, rate_of_ranges, seldom
 from circumnav_mav.ranging import SOURCES, MessageSource, carried
 from circumnav_mav.ranging.plug import Source
@@ -59,7 +60,7 @@ def findings(config: Config) -> list[Finding]:
         found += bears_lag(config, abs(config.vehicle_class.lead_s - config.lead_s) + 0.5 * flight.update_s)
         found += told_by_its_loop(config)
     found += [*suits(config), *drifting(config), *slant(config), *ages(config), *seldom(config), *jumps(config)]
-    found += [*carried_far(config), *handing_over(config), *idle]
+    found += [*carried_far(config), *handing_over(config), *odd_options(config), *idle]
     return sorted(found, key=lambda finding: list(MARK).index(finding.severity))
 
 

@@ -16,6 +16,7 @@ from typing import Annotated
 import typer
 
 from circumnav_mav import __version__, cli_study
+from circumnav_mav.cli_study import before_the_work
 from circumnav_mav.config import Config
 from circumnav_mav.config_file import ConfigError, load
 from circumnav_mav.runtime.app import Options
@@ -25,7 +26,6 @@ from circumnav_mav.runtime.session import Crash, Outcome, fly
 from circumnav_mav.runtime.systemd import as_a_service
 from circumnav_mav.runtime.transport import LinkError
 from circumnav_mav.runtime.view import open_view
-from circumnav_mav.writable import refusal
 
 EXIT_FLIGHT, EXIT_USAGE, EXIT_LINK, EXIT_WARNINGS, EXIT_CRASH = 1, 2, 3, 4, 70
 DONE = ("completed",)
@@ -77,7 +77,7 @@ def demo(
     """Watch a vehicle find and circle a beacon: app and vehicle stub as two processes, MAVLink over loopback."""
     given = load(config) if config else None
     settings = demo_config(given)
-    _try_to_write(json)
+    before_the_work([json])
     speed = demo_speed(settings) if speed is None else speed
     outcome = run_demo(settings, speed=speed, seed=seed, duration_s=duration, stub_args=stub_arg or [])
     if note := demo_note(given):
@@ -103,7 +103,7 @@ def fly_command(
     if settings.engage == "auto" and as_a_service(os.environ):
         _complain(f"{config}: engage: auto is not for a service, which would take off again after a restart: pilot")
         raise typer.Exit(EXIT_USAGE)
-    _try_to_write(json)
+    before_the_work([json])
     options = Options(duration_s=inf if duration is None else duration, wait_s=wait or inf)
     title = f"circumnav fly  {config.name}  {settings.vehicle.link}"
     outcome = fly(settings, Clock(), open_view(title), options, title=f"circumnav fly: {config.name}")
@@ -123,8 +123,9 @@ def check(
     Exit code 1: it will not hold the orbit. With --live also 4 for warnings, 1 for errors that stop a flight.
     """
     from circumnav_mav.check import consequences, findings, holds
+    from circumnav_mav.runtime.named_files import LOOKS
 
-    settings = load(config)
+    settings = load(config, LOOKS)
     found = findings(settings)
     for line in consequences(settings, found):
         typer.echo(line)
@@ -162,6 +163,7 @@ def ranging(
     from circumnav_mav.runtime.ranging_view import open_ranging_view
 
     settings = load(config)
+    before_the_work([record], config.resolve().parent if calibrate is not None else None)
     view = open_ranging_view(f"circumnav ranging  {settings.ranging.source}")
     problem = run_ranging(settings, config, view, typer.echo, duration_s=duration, distance_m=calibrate, record=record)
     if problem:
@@ -176,14 +178,6 @@ def stub(context: typer.Context) -> None:
 
 
 cli_study.register(app)
-
-
-def _try_to_write(path: Path | None) -> None:
-    """Leave with one line where a file cannot be written: before the flight, and without touching what is in it."""
-    trouble = refusal(path)
-    if trouble:
-        _complain(trouble)
-        raise typer.Exit(EXIT_USAGE)
 
 
 def _finish(outcome: Outcome, json: Path | None) -> None:

@@ -46,7 +46,7 @@ def study(
     """Reproduce the paper's simulations: mean squares against the gain, calm and in wind, with confidence intervals."""
     if load is not None:
         _nothing_but_kept(context)
-    _before_the_work([json, save], figures)
+    before_the_work([json, save], figures)
     with _extras(), _in_words():
         from circumnav_mav import bar
         from circumnav_mav.study import paper, paper_figures
@@ -99,7 +99,7 @@ def compare(
     scheduler: Scheduler = None,
 ) -> None:
     """Fly laws and estimators over the named scenarios, many seeds each, and print a row for each."""
-    _before_the_work([json])
+    before_the_work([json])
     with _extras(), _in_words():
         from circumnav_mav import bar
         from circumnav_mav.guidance.estimators import ESTIMATORS
@@ -169,7 +169,7 @@ def tune(
 ) -> None:
     """Find gains for your aircraft by flying it in simulation; write a configuration that `fly` takes as it is."""
     plot = None if no_plot else plot or out.with_suffix(".png")
-    _before_the_work([out, plot, json])
+    before_the_work([out, plot, json])
     with _extras(), _in_words():
         from circumnav_mav import bar
         from circumnav_mav.config_file import load
@@ -221,6 +221,13 @@ def register(app: typer.Typer) -> None:
         app.command()(command)
 
 
+def before_the_work(files: list[Path | None], folder: Path | None = None) -> None:
+    """Leave with one line where something could not be written in the end."""
+    for trouble in (*map(refusal, files), refusal_of_folder(folder)):
+        if trouble:
+            _fail(trouble)
+
+
 @contextmanager
 def _extras() -> Iterator[None]:
     try:
@@ -241,13 +248,6 @@ def _in_words() -> Iterator[None]:
         raise  # who reads has had enough: `circumnav study | head`
     except OSError as error:
         _fail(f"{error.filename}: {error.strerror}" if error.filename else str(error))
-
-
-def _before_the_work(files: list[Path | None], folder: Path | None = None) -> None:
-    """Leave with one line where something could not be written in the end."""
-    for trouble in (*map(refusal, files), refusal_of_folder(folder)):
-        if trouble:
-            _fail(trouble)
 
 
 def _nothing_but_kept(context: typer.Context) -> None:

@@ -34,6 +34,12 @@ from circumnav_mav.mavlink.vehicles.plug import Options, VehicleClass
 from circumnav_mav.ranging import SOURCES
 
 
+def _file_name(text: str) -> str:
+    if "\0" in text:
+        raise ValueError("no file has a character 0 in its name")
+    return text
+
+
 def _link(text: str) -> str:
     if endpoint.parse(text).kind == "file":
         raise ValueError("a file is no link to an autopilot: write " + endpoint.FORMS)
@@ -83,8 +89,9 @@ def _height(value: Any) -> Any:
     return _sane(height_m)
 
 
-Link = Annotated[str, AfterValidator(_link)]
-RangingEndpoint = Annotated[str, AfterValidator(_source)]
+FileName = Annotated[str, AfterValidator(_file_name)]
+Link = Annotated[FileName, AfterValidator(_link)]
+RangingEndpoint = Annotated[FileName, AfterValidator(_source)]
 Finite = Annotated[FiniteFloat, BeforeValidator(_no_boolean), AfterValidator(_sane)]
 Whole = Annotated[int, BeforeValidator(_no_boolean)]
 Positive = Annotated[Finite, Field(gt=0)]
@@ -105,7 +112,7 @@ class Vehicle(Section):
     link: Link = "udpin://0.0.0.0:14540"
     library: Literal["pymavlink", "mavsdk"] = "pymavlink"
     system_id: Whole | None = Field(None, ge=1, le=255)
-    signing_key_file: str | None = None
+    signing_key_file: FileName | None = None
     lead_s: NotNegative | None = Field(None, le=2.0)
     pitch_deg: Finite | None = Field(None, ge=-30.0, le=30.0)
     thrust: Finite | None = Field(None, gt=0.0, lt=1.0)
@@ -220,7 +227,7 @@ class Loop(Section):
 class Record(Section):
     """What a flight leaves on disk."""
 
-    directory: str = "flights"
+    directory: FileName = "flights"
     tlog: bool = True
 
 

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import yaml
 from pydantic import BaseModel, ValidationError
@@ -14,6 +15,10 @@ from circumnav_mav.config import Config, Ranging, guidance_settings
 from circumnav_mav.config_checks import cross_checks, nearest, range_number_checks, range_source_checks
 
 Where = tuple[str | int, ...]
+S = TypeVar("S", bound=BaseModel)
+Look = Callable[[S], Iterator[tuple[str, str]]]
+"""Looks at a section and yields (path, what is wrong)."""
+NO_LOOKS: Mapping[str, Look[Any]] = {}
 
 
 class Fault(NamedTuple):
@@ -38,18 +43,18 @@ class ConfigError(Exception):
             yield f"{place}: {fault.path}: {fault.text}" if fault.path else f"{place}: {fault.text}"
 
 
-def load(path: str | Path) -> Config:
-    """Return the settings of a file. Raises ConfigError with every fault in it."""
+def load(path: str | Path, looks: Mapping[str, Look[Any]] = NO_LOOKS) -> Config:
+    """Return the settings of a file. Raises ConfigError with every fault in it; looks: what else finds some."""
     try:
         text = Path(path).read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"
         raise ConfigError(str(path), [Fault("", 0, f"cannot read the configuration: {reason}")]) from error
-    return parse(text, str(path))
+    return parse(text, str(path), looks)
 
 
-def parse(text: str, file: str = "config") -> Config:
-    """Return the settings in `text`. Raises ConfigError with every fault in it."""
+def parse(text: str, file: str = "config", looks: Mapping[str, Look[Any]] = NO_LOOKS) -> Config:
+    """Return the settings in `text`. Raises ConfigError with every fault in it; looks: by section."""
     try:
         tree = yaml.compose(text, Loader=yaml.SafeLoader)
         lines = _Lines(tree)
@@ -70,29 +75,39 @@ def parse(text: str, file: str = "config") -> Config:
         raise ConfigError(file, [Fault("", 1, "a configuration is a list of sections such as 'orbit: {radius_m: 50}'")])
     faults = [Fault(path, line, "given twice") for path, line in lines.twice]
     config = None
+    found: list[tuple[str, str]] = []
     try:
         config = Config.model_validate(data)
     except ValidationError as error:
         faults += [_fault(e, lines) for e in error.errors()]
-        wrong = {str(e["loc"][1]) for e in error.errors() if e["loc"][0] == "ranging" and len(e["loc"]) > 1}
-        faults += [Fault(p, lines.of(tuple(p.split("."))), t) for p, t in _ranging_beside(data.get("ranging"), wrong)]
-    if config is not None:
-        faults += [
-            Fault(p, lines.of(tuple(p.split("."))), t) for p, t in cross_checks(config, guidance_settings(config))
-        ]
+        wrong = {(str(e["loc"][0]), str(e["loc"][1])) for e in error.errors() if len(e["loc"]) > 1}
+        sections = _without(wrong, data)
+        if isinstance(ranging := sections.get("ranging"), Ranging):
+            found += _ranging_beside(ranging, {key for section, key in wrong if section == "ranging"})
+    else:
+        sections = dict(config)
+        found += cross_checks(config, guidance_settings(config))
+    found += [fault for name, look in looks.items() if name in sections for fault in look(sections[name])]
+    faults += [Fault(path, lines.of(tuple(path.split("."))), text) for path, text in found]
     if faults or config is None:
         raise ConfigError(file, sorted(faults, key=lambda f: f.line))
     return config
 
 
-def _ranging_beside(section: Any, wrong: set[str]) -> Iterator[tuple[str, str]]:
+def _without(wrong: set[tuple[str, str]], data: dict[str, Any]) -> dict[str, BaseModel]:
+    """Return the sections of a faulty file as far as they can be had, without the (section, key) that are wrong."""
+    sections: dict[str, BaseModel] = {}
+    for name, field in Config.model_fields.items():
+        given, kind = data.get(name, {}), field.annotation
+        if isinstance(given, dict) and isinstance(kind, type) and issubclass(kind, BaseModel):
+            with suppress(ValidationError):
+                right = {key: value for key, value in given.items() if (name, str(key)) not in wrong}
+                sections[name] = kind.model_validate(right)
+    return sections
+
+
+def _ranging_beside(ranging: Ranging, wrong: set[str]) -> Iterator[tuple[str, str]]:
     """Yield what is wrong together in the ranging section, as far as it can be told without the keys `wrong` alone."""
-    if not isinstance(section, dict):
-        return
-    try:
-        ranging = Ranging.model_validate({key: value for key, value in section.items() if str(key) not in wrong})
-    except ValidationError:
-        return
     told = [*range_number_checks(ranging), *(range_source_checks(ranging) if "source" not in wrong else ())]
     for path, text in told:
         if not wrong & {path.split(".")[1], *re.findall(r"\w+_\w+", text)}:  # else it may speak of a default

@@ -17,7 +17,7 @@ from circumnav_mav.mavlink.codec import Decoder, Frame, LinkCounts, Message, Pac
 from circumnav_mav.mavlink.dialect import layout
 from circumnav_mav.mavlink.signing import Signer
 from circumnav_mav.mavlink.timesync import TimeSync
-from circumnav_mav.range_words import TAIL_BYTES, Heard, why_none
+from circumnav_mav.range_words import CARRIERS, TAIL_BYTES, Heard, why_none
 from circumnav_mav.ranging import SOURCES, ByteReceiver, ByteSource, MessageReceiver, Settings, carried, open_receiver
 from circumnav_mav.ranging.counts import Counts
 from circumnav_mav.ranging.plug import Reason
@@ -60,6 +60,7 @@ class RangeFeed:
         """How many of the rejected were an autopilot's own: its range finder, or the echo of ours."""
         self._at: Mark | None = None
         self._tail = bytearray()
+        self._others: set[str] = set()
 
     @property
     def own_link(self) -> bool:
@@ -126,10 +127,10 @@ class RangeFeed:
     ) -> tuple[list[Frame], list[RangeSample | Rejected]]:
         """Take what arrived on the link that carries ranges; return its MAVLink frames, and what they say."""
         self.bytes_in += len(data)
+        data = self._ended(data) if whole else data
+        self._tail += data
+        del self._tail[:-TAIL_BYTES]
         if isinstance(self.receiver, ByteReceiver):
-            data = self._ended(data) if whole else data
-            self._tail += data
-            del self._tail[:-TAIL_BYTES]
             results = self.receiver.feed(data, now_s)
             if any(isinstance(result, RangeSample) for result in results):
                 self._flown_on(now_s)
@@ -138,6 +139,9 @@ class RangeFeed:
         if signer is not None:
             signer.advance(now_s)
             frames = [frame for frame in frames if signer.believes(frame.raw, frame.sysid, frame.compid)]
+        for frame in frames:
+            if frame.msgid in CARRIERS and frame.compid != AUTOPILOT_COMPONENT:
+                self._others.add(CARRIERS[frame.msgid])
         messages = [message for frame in frames if (message := self._decoder.decode(frame)) is not None]
         for message in messages:
             if message.name == "TIMESYNC" and message.fields.tc1:
@@ -183,6 +187,7 @@ class RangeFeed:
             source=self.source,
             options=self._ranging.options,
             messages=self.messages,
+            others=frozenset(self._others - {self.source.name}),
             baud=self.baud,
             before=before,
             bytes_in=self.bytes_in - at.bytes_in,
@@ -197,6 +202,7 @@ class RangeFeed:
         """A range came: what is wrong is reckoned from here on."""
         self._at = Mark(now_s, self.bytes_in, replace(self._splitter.counts), dict(self.counts.rejected), self.echoes)
         self._tail.clear()
+        self._others.clear()
 
 
 def receiver_settings(ranging: Ranging) -> Settings:

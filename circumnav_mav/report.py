@@ -57,7 +57,6 @@ class Summary:
 
     def write(self, path: Path) -> None:
         """Write the figures as JSON. Raises OSError."""
-        path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(json.dumps(asdict(self), indent=2) + "\n", encoding="utf-8")
 
 

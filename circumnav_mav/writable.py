@@ -8,13 +8,15 @@ from pathlib import Path
 def refusal(path: Path | None) -> str | None:
     """Return why a file cannot be written, in one line; None where it can, or where none is wanted.
 
-    Makes the folders above it, and leaves no other trace: what is in the file stays.
+    Makes no folder, for a name that is misspelt is no wish for one, and leaves no trace: what is in the file stays.
     """
     if path is None or takes_once(path):
         return None
-    there = path.exists()
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
+        if not path.parent.is_dir():
+            what = "is no folder" if path.parent.exists() else "does not exist: make that folder, or mend the name"
+            return f"cannot write {path}: {path.parent} {what}"
+        there = path.exists()
         path.open("ab").close()
         if not there:
             path.unlink()
@@ -44,9 +46,13 @@ def write_anew(path: Path, text: str) -> None:
 
 
 def refusal_of_folder(folder: Path | None) -> str | None:
-    """Return why files cannot be written into a folder, which is made; None where they can, or where none is wanted."""
+    """Return why files cannot be written into a folder, which is made later where only its own name is missing; None
+    where they can, or where none is wanted.
+    """
     if folder is None:
         return None
-    trial = folder / ".trial"
+    if takes_once(folder) or folder.is_file():
+        return f"cannot write into {folder}: it is no folder"
+    trial = folder / ".trial" if folder.is_dir() else folder
     trouble = refusal(trial)
-    return trouble and trouble.replace(str(trial), f"into {folder}", 1)
+    return trouble and trouble.replace(f"cannot write {trial}", f"cannot write into {folder}", 1)

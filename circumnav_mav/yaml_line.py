@@ -17,7 +17,8 @@ def with_value(text: str, section: str, key: str, value: str) -> str:
         edited = _edit(text, section, key, value)
         before, after = yaml.safe_load(text) or {}, yaml.safe_load(edited)
     except yaml.YAMLError as error:
-        raise ValueError(f"it is not YAML any more: {getattr(error, 'problem', error)}") from error
+        problem = getattr(error, "problem", error)
+        raise ValueError(f"edited, it would not be YAML ({problem}): set {section}.{key} by hand") from error
     before[section] = {**(before.get(section) or {}), key: yaml.safe_load(value)}
     if after != before:
         raise ValueError(f"its form is too intricate to edit (anchors? merge keys?): set {section}.{key} by hand")

@@ -11,8 +11,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple
+
+from circumnav_mav.guidance.bounds import Bound
 
 NAN = math.nan
 
@@ -71,6 +73,7 @@ class Law:
     options: Mapping[str, float]  # every key of the `law:` section with its default; NaN = not given
     needs: tuple[str, ...]  # fields of Estimate that must be finite
     source: str  # paper and equation
+    bounds: Mapping[str, Bound] = field(default_factory=dict)  # of options, as far as they have any
 
 
 class Reading(NamedTuple):
@@ -141,6 +144,8 @@ class Estimator:
     source: str
     places: Callable[[list[Any]], list[tuple[float, float]]] | None = None
     """Where each hypothesis has the target, m, all in one frame; None where the estimator has no place."""
+    bounds: Mapping[str, Bound] = field(default_factory=dict)
+    """Of options, as far as they have any."""
 
 
 SOURCES = frozenset({"range", "speed", "turn_rate", "heading"})

@@ -42,6 +42,18 @@ def filter_lag_s(sigma_m: float, accel_m_s2: float, period_s: float) -> float:
     return sqrt(2.0 * sigma_m * sqrt(period_s) / accel_m_s2)
 
 
+KNOWN_RATE = 0.4
+"""Standard deviation of the range rate over the speed, below which `direct` calls its estimate known."""
+
+
+def most_accel_m_s2(V: float, sigma_m: float, period_s: float) -> float:
+    """Return the accel_m_s2 above which the filter of filter_lag_s never knows the range rate to KNOWN_RATE.
+
+    Its variance is sqrt(2) accel^1.5 (sigma^2 T)^(1/4) in the steady state.
+    """
+    return float(((KNOWN_RATE * V) ** 2 / sqrt(2.0)) ** (2.0 / 3.0) / (sigma_m**2 * period_s) ** (1.0 / 6.0))
+
+
 def kappa_of_use(r_a: float, V: float, lag_s: float) -> float:
     """Return the gain with k V T = 1 for the filter's lag T: above it wind shifts the orbit no less."""
     return r_a / (V * lag_s)

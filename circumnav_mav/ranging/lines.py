@@ -89,7 +89,10 @@ def _id(value: Any, base: int) -> int:
 def _extractor(options: Mapping[str, Any]) -> Extract:
     found = {key: build(options) for key, build in EXTRACTORS.items() if key in options}
     if len(found) != 1:
-        raise ValueError("ranging: the source lines needs either a pattern or json, and not both")
+        raise ValueError(
+            "ranging: the source lines needs either a pattern or json, and not both, as in "
+            "pattern: 'D=(?P<range>[0-9.]+)'"
+        )
     (extract,) = found.values()
     return extract
 

@@ -1,17 +1,21 @@
 """Recorded ranges: lines of t_s, range_m [, range_rate_m_s [, sigma_m [, beacon_id]]], an empty cell being unknown.
 
-`row` writes what `parse` reads. `schedule` says when each line is due, so that a replay can be fed at its own pace.
+`row` writes what `parse` reads. `read` says when each line of a file is due, so that a replay can be fed at its own
+pace, and which lines are no ranges.
 """
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 from circumnav_mav.ranging.framing import LineDecoder, not_understood
 from circumnav_mav.ranging.plug import FARTHEST_M, NAN, ByteSource, Reading, finite
 from circumnav_mav.types import RangeSample, Rejected
 
 HEADER = "t_s,range_m,range_rate_m_s,sigma_m,beacon_id"
+FORM = f"{HEADER} (the last three may be left out), as in 12.5,80.25"
+"""What a line must look like, for people."""
 
 
 def row(sample: RangeSample) -> str:
@@ -52,20 +56,41 @@ def _id(text: str) -> int:
     return int(number)
 
 
-def schedule(text: str) -> list[tuple[float, bytes]]:
-    """Return (seconds after the first line's time, line as bytes) for every line; an undated one goes with the last.
+class Recording(NamedTuple):
+    """What a file of ranges holds."""
+
+    due: list[tuple[float, bytes]]  # seconds after the first range's time, and the line
+    ranges: int
+    broken: list[tuple[int, str]]  # number and text of each line that is no range
+
+    def complaint(self) -> str:
+        """Return in words what is wrong with the file; empty where nothing is."""
+        faults = [] if self.ranges else ["it holds no ranges"]
+        if self.broken:
+            number, line = self.broken[0]
+            others = len(self.broken) - 1
+            more = f" (nor {'is' if others == 1 else 'are'} {others} more)" if others else ""
+            faults.append(f"line {number} is no range{more}: {line[:60]!r}")
+        return f"{'; '.join(faults)}; a line is {FORM}" if faults else ""
+
+
+def read(text: str) -> Recording:
+    """Return what a file's text holds. An undated line is due with the one before it.
 
     Lines are due in the order of the file: a time that steps back is due at once, and the gate sees it do so.
     """
-    due: list[tuple[float, bytes]] = []
-    start_s, last_s = NAN, 0.0
-    for line in text.splitlines():
-        for reading in parse(line.strip(), 0.0):
+    found = Recording([], 0, [])
+    start_s, last_s, ranges = NAN, 0.0, 0
+    for number, line in enumerate(text.splitlines(), 1):
+        for reading in parse(line.strip(), 0.0) if line.strip() else ():
             if isinstance(reading, Reading):
+                ranges += 1
                 start_s = reading.stamp_s if math.isnan(start_s) else start_s
                 last_s = max(last_s, reading.stamp_s - start_s)
-        due.append((last_s, line.encode() + b"\n"))
-    return due
+            else:
+                found.broken.append((number, line.strip()))
+        found.due.append((last_s, line.encode() + b"\n"))
+    return found._replace(ranges=ranges)
 
 
 SOURCE = ByteSource(

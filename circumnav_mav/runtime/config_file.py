@@ -10,6 +10,17 @@ from pathlib import Path
 from circumnav_mav.yaml_line import with_value
 
 
+def why_not(path: Path, section: str, key: str) -> str:
+    """Return why `write_value` would not set a number there; empty where it would, as far as can be told before."""
+    try:
+        with_value(path.read_text(encoding="utf-8"), section, key, "0.0")
+    except ValueError as error:
+        return str(error)
+    except OSError as error:
+        return error.strerror or str(error)
+    return ""
+
+
 def write_value(path: Path, section: str, key: str, value: str) -> None:
     """Set `section.key` in the file. Raises ValueError or OSError, and then the file is as it was."""
     target = path.resolve()  # a link stays a link

@@ -18,18 +18,25 @@ def open_signer(key_file: str | None, now_s: float) -> Signer | None:
     """
     if key_file is None:
         return None
+    try:
+        key = read_key(key_file)
+    except ValueError as error:
+        raise LinkError(f"vehicle.signing_key_file {error}") from error
+    return Signer(key, timestamp(time.time() - now_s))
+
+
+def read_key(key_file: str) -> bytes:
+    """Return the key of a file. Raises ValueError, which begins with the file's name, where it holds no usable key."""
     path = Path(key_file).expanduser()
-    place = f"vehicle.signing_key_file {path}"
     try:
         with path.open("rb") as file:
             mode = os.fstat(file.fileno()).st_mode
             content = file.read(4096)
     except OSError as error:
-        raise LinkError(f"{place}: cannot read it: {error.strerror or error}") from error
+        raise ValueError(f"{path}: cannot read it: {error.strerror or error}") from error
     if mode & (stat.S_IRWXG | stat.S_IRWXO):
-        raise LinkError(f"{place}: others may read it (mode {stat.S_IMODE(mode):03o}): chmod 600 {path}")
+        raise ValueError(f"{path}: others may read it (mode {stat.S_IMODE(mode):03o}): chmod 600 {path}")
     try:
-        key = key_from(content)
+        return key_from(content)
     except ValueError as error:
-        raise LinkError(f"{place}: {error}") from error
-    return Signer(key, timestamp(time.time() - now_s))
+        raise ValueError(f"{path}: {error}") from error

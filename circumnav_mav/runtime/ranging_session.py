@@ -10,7 +10,7 @@ from circumnav_mav.config import Config
 from circumnav_mav.ranging import replay
 from circumnav_mav.ranging.calibrate import Calibration, calibrate
 from circumnav_mav.runtime.clock import Clock, new_event_loop
-from circumnav_mav.runtime.config_file import write_value
+from circumnav_mav.runtime.config_file import why_not, write_value
 from circumnav_mav.runtime.ranging_app import RangingApp, summary
 from circumnav_mav.runtime.ranging_view import RangingView
 from circumnav_mav.types import RangeSample
@@ -33,6 +33,9 @@ def run_ranging(
     With `distance_m` [m], write the bias that is found into the configuration, `file`. Return what went wrong, or "".
     Raises LinkError where the link cannot be opened.
     """
+    if distance_m is not None and (reason := why_not(file, "ranging", "bias_m")):
+        view.close()
+        return f"cannot write ranging.bias_m to {file}: {reason}"
     clock = Clock()
     if duration_s is None:
         duration_s = CALIBRATE_S if distance_m is not None else inf

@@ -5,8 +5,21 @@ from __future__ import annotations
 from pathlib import Path
 
 from circumnav_mav.endpoint import Endpoint
-from circumnav_mav.ranging.replay import schedule
+from circumnav_mav.ranging.replay import Recording, read
 from circumnav_mav.runtime.transport import LinkError, Loop, OnChange, OnData, Timer
+
+
+def recording(endpoint: Endpoint) -> Recording:
+    """Return what the file of an endpoint holds. Raises LinkError, in words, where it cannot be read."""
+    path = Path(endpoint.path)
+    try:
+        if path.exists() and not path.is_file():  # a pipe or a device may never end
+            raise LinkError(f"{endpoint}: cannot read it: it is not a file")
+        return read(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise LinkError(f"{endpoint}: cannot read it: {error.strerror or error}") from error
+    except UnicodeDecodeError as error:
+        raise LinkError(f"{endpoint}: cannot read it: it is not UTF-8 text") from error
 
 
 class ReplayLink:
@@ -18,11 +31,10 @@ class ReplayLink:
     def __init__(self, endpoint: Endpoint) -> None:
         self.endpoint = endpoint
         self.send_errors = 0
-        try:
-            self._due = schedule(Path(endpoint.path).read_text(encoding="utf-8"))
-        except (OSError, UnicodeDecodeError) as error:
-            reason = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"
-            raise LinkError(f"{endpoint}: cannot read it: {reason}") from error
+        found = recording(endpoint)
+        if not found.ranges:
+            raise LinkError(f"{endpoint}: {found.complaint()}")
+        self._due = found.due
         self._start_s = 0.0
         self._next = 0
         self._timer: Timer | None = None

@@ -23,6 +23,7 @@ from circumnav_mav.study import paper_core, paper_run, setwise
 from circumnav_mav.study.paper import LAW, Options
 from circumnav_mav.study.paper_figures import OUTER_ALONE
 from circumnav_mav.study.paper_run import Plant, Table
+from circumnav_mav.writable import refusal_of_folder
 
 RUNS, SEED, R_A = 400, 1, 10.0
 VALLEY_RUNS = 2000
@@ -212,13 +213,17 @@ def markdown(rows: Sequence[Row]) -> str:
 
 
 def main(arguments: Sequence[str]) -> int:
+    folder = Path(arguments[0]) if arguments else None
+    if trouble := refusal_of_folder(folder):
+        print(f"paper_claims: {trouble}", file=sys.stderr)
+        return 2
     for title, part in PARTS:
         print(f"### {title}\n\n{' '.join((part.__doc__ or '').split())}\n\n{markdown(list(part()))}\n", flush=True)
-    if arguments:
+    if folder is not None:
         from circumnav_mav.study import setwise_figure
 
         outcomes = setwise.study(setwise_figure.trials(), 200, SEED)
-        setwise_figure.draw(outcomes, Path(arguments[0]))
+        setwise_figure.draw(outcomes, folder)
         print(f"### Sojourns\n\n{markdown(setwise_figure.table(outcomes, 200, SEED))}")
     return 0
 

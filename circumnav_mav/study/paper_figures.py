@@ -40,7 +40,7 @@ class Picture:
 
 def draw(result: StudyResult, folder: Path, progress: Progress | None = None) -> list[Path]:
     """Write every figure as PNG and SVG into the folder, and return the files."""
-    folder.mkdir(parents=True, exist_ok=True)
+    folder.mkdir(exist_ok=True)
     files = []
     for done, picture in enumerate(PICTURES, start=1):
         figure = painted(picture, result)

@@ -88,7 +88,7 @@ def draw(outcomes: Sequence[Outcome], folder: Path) -> list[Path]:
     moment.set(
         xlabel="t [s]", ylabel="E d² [m²]", yscale="log", ylim=(1e-5, 500), title=f"how far, κ = {SHOWN_KAPPA:g}"
     )
-    folder.mkdir(parents=True, exist_ok=True)
+    folder.mkdir(exist_ok=True)
     files = [folder / f"setwise.{kind}" for kind in ("png", "svg")]
     for axes in (share, times, survival, moment):
         axes.grid(alpha=0.3)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -170,18 +171,22 @@ def test_a_place_that_takes_no_figures_is_found_before_take_off(tmp_path, flown,
     monkeypatch.setattr(cli, "run_demo", lambda *_, **__: pytest.fail("it took off"))
     (tmp_path / "file").write_text("")
     config = [written(tmp_path, "")] if command == "fly" else []
-    for bad, words in ((tmp_path, "Is a directory"), (tmp_path / "file" / "f.json", "File exists")):
+    for bad, words in (
+        (tmp_path, "Is a directory"),
+        (tmp_path / "file" / "f.json", f"{tmp_path}/file is no folder"),
+        (tmp_path / "fligths" / "f.json", f"{tmp_path}/fligths does not exist: make that folder, or mend the name"),
+    ):
         done = run(command, *config, "--json", str(bad))
         assert done.exit_code == 2
         assert done.stderr == f"circumnav: cannot write {bad}: {words}\n"
+    assert not (tmp_path / "fligths").exists()
 
 
 def test_the_trial_leaves_no_trace(tmp_path):
-    new, old = tmp_path / "deep" / "new.json", tmp_path / "old.json"
+    new, old, folder = tmp_path / "new.json", tmp_path / "old.json", tmp_path / "figures"
     old.write_text("kept")
-    for path in (new, old, Path("/dev/stdout"), None):
-        cli._try_to_write(path)
-    assert not new.exists() and old.read_text() == "kept"
+    cli.before_the_work([new, old, Path("/dev/stdout"), None], folder)
+    assert list(tmp_path.iterdir()) == [old] and old.read_text() == "kept"
 
 
 @pytest.mark.parametrize(("outcome", "code"), [("range_lost", 1), ("completed", 2)])
@@ -230,6 +235,31 @@ def test_a_calibration_without_a_range_says_so_in_one_line_and_writes_nothing(tm
     assert f"no range could be used: nothing is written to {file}" in done.output
     assert "nan" not in done.output and "calibrated" not in done.output
     assert Path(file).read_text() == text
+
+
+def test_what_a_sensor_says_is_not_listened_to_where_it_cannot_be_kept(tmp_path, monkeypatch):
+    """The ranges, or the bias, were lost at the end of the listening."""
+    monkeypatch.setattr(
+        "circumnav_mav.runtime.ranging_session.run_ranging", lambda *_, **__: pytest.fail("it listened")
+    )
+    file = written(tmp_path, "vehicle: {link: 'udpin://127.0.0.1:0'}")
+    done = run("ranging", file, "--record", str(tmp_path / "none" / "r.csv"))
+    assert done.exit_code == 2 and "none/r.csv: " in done.stderr and "none does not exist" in done.stderr
+    reading, writing = os.pipe()
+    os.write(writing, b"ranging: {bias_m: 0.1}")
+    os.close(writing)
+    done = run("ranging", f"/dev/fd/{reading}", "--calibrate", "10")  # <(something)
+    os.close(reading)
+    assert done.exit_code == 2 and done.stderr.startswith("circumnav: cannot write into /proc/")
+
+
+def test_a_bias_that_cannot_be_written_is_found_before_the_listening(tmp_path, monkeypatch):
+    monkeypatch.setattr("circumnav_mav.runtime.ranging_session.RangingApp", lambda *_: pytest.fail("it listened"))
+    file = written(tmp_path, "ranging: {sigma_m: &s 1, bias_m: *s}")
+    done = run("ranging", file, "--calibrate", "10")
+    assert done.exit_code == 1
+    assert done.stderr.startswith(f"circumnav: cannot write ranging.bias_m to {file}: edited, it would not be YAML (")
+    assert done.stderr.endswith(": set ranging.bias_m by hand\n")
 
 
 def test_check_shows_what_the_estimator_needs(tmp_path):

@@ -229,3 +229,12 @@ def test_an_estimator_is_refused_whose_sources_the_vehicle_class_does_not_have(m
 def test_every_vehicle_class_has_what_every_estimator_needs(kind):
     for estimator in ESTIMATORS.values():
         assert estimator.needs <= VEHICLES[kind].senses | {"range"}
+
+
+@pytest.mark.parametrize(
+    "key", ["record: {directory", "vehicle: {signing_key_file", "vehicle: {link", "ranging: {source: replay, endpoint"]
+)
+def test_a_name_that_no_file_can_have_is_a_fault_of_the_file(key):
+    """It loaded, and ended in a traceback where the file was opened."""
+    (line,) = faults(f'{key}: "file://a\\0b"}}')
+    assert "no file has a character 0 in its name" in line

@@ -52,7 +52,7 @@ def test_the_json_has_the_documented_fields_and_null_for_what_is_not_there(tmp_p
         "sample_age_s": ["1", "2"],
     }
     summary = summarise(Config(), RESULT, {**ticks, "r_m": ["nan", "60"]}, None)
-    path = tmp_path / "deep" / "out.json"
+    path = tmp_path / "out.json"
     summary.write(path)
     read = json.loads(path.read_text())
     assert set(read) == {

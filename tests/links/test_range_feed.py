@@ -13,9 +13,11 @@ from circumnav_mav.config_file import parse
 from circumnav_mav.flight import RANGING, Flight
 from circumnav_mav.guidance.phases import Phase
 from circumnav_mav.range_feed import RangeFeed
+from circumnav_mav.ranging import SOURCES, MessageSource
 from circumnav_mav.runtime.app import App, Options
 from circumnav_mav.runtime.clock import Clock
 from circumnav_mav.types import RangeSample
+from sitl_stub.devices import DEVICES as STUB_DEVICES
 from tests.lockstep import config
 
 UDP = "udpin://127.0.0.1:14560"
@@ -110,6 +112,38 @@ def test_why_a_device_gives_no_range(case):
     assert words in feed.why_none(feed.endpoint, 60.0)
 
 
+MESSAGES = [name for name, source in SOURCES.items() if isinstance(source, MessageSource)]
+OPTIONS = {"lines": f", pattern: {PATTERN}"}
+READ_BY = {"linktrack_frame2": "linktrack", "lines": ""}
+"""The source that reads a device of the stub, where it is not called so; none without options that say where it is."""
+
+
+@pytest.mark.parametrize("device", STUB_DEVICES)
+@pytest.mark.parametrize("name", SOURCES)
+def test_the_source_that_reads_what_comes_is_named(device, name):
+    """A LinkTrack read as a DWM1001 was called another baud rate."""
+    feed, right = feed_of(f"source: {name}{OPTIONS.get(name, '')}", TTY), READ_BY.get(device, device)
+    pieces = [STUB_DEVICES[device](3).encode(80.0 + 0.1 * n, 1.0, 5.0 + 0.1 * n) for n in range(60)]
+    hear(feed, pieces, whole=False)
+    told = feed.why_none(feed.endpoint, 5.0 if name == right else 60.0)
+    if name == right:
+        assert feed.counts.accepted
+    else:
+        assert told.endswith(f"; ranges of {right} come there: set ranging.source") is bool(right), told
+        assert ("baud" in told) is (not right and name in ("linktrack", "us_d1", *MESSAGES)), told
+
+
+@pytest.mark.parametrize("name", [name for name in SOURCES if name != "distance_sensor"])
+def test_ranges_in_other_messages_are_named_and_the_autopilot_s_own_are_not(name):
+    for component, named in ((158, True), (1, False)):
+        feed = feed_of(f"source: {name}{OPTIONS.get(name, '')}", TTY)
+        hear(feed, [beacon(component, 80.0 + n) for n in range(30)], whole=False)
+        told = feed.why_none(feed.endpoint, 60.0)
+        assert told.endswith("; ranges of distance_sensor come there: set ranging.source") is named, told
+        assert "baud" not in told
+        assert named or ("30 MAVLink frames" if name in MESSAGES else "is this the autopilot's port?") in told
+
+
 @pytest.mark.parametrize("count", range(1, 300, 7))
 def test_there_is_always_a_word_for_it(count):
     """Whatever came, and however little: what is counted as an error is to be read."""
@@ -153,6 +187,15 @@ def test_the_autopilot_s_own_ranges_are_not_called_the_reason_where_there_is_ano
     hear(feed, [beacon(1, 3.0)] * 20 + [beacon(158, 500.0)] * 3)
     told = feed.why_none(feed.endpoint, 60.0)
     assert told == "no range can be used: 3 rejected, most of them out_of_range (3), beside 20 of the autopilot's own"
+
+
+def test_a_radio_that_is_off_is_not_called_a_wrong_source():
+    feed = feed_of("source: distance_sensor")
+    hear(feed, [beacon(1, 3.0)] * 20)
+    told = feed.why_none(feed.endpoint, 60.0)
+    assert (
+        told == f"only the autopilot's own ranges come on {UDP} (20): is the radio on, and does it send to this place?"
+    )
 
 
 def flight_with(messages: list[bytes]) -> Flight:

@@ -126,15 +126,17 @@ def test_why_there_is_no_range_from_messages(bench):
     b.hear(bytes(mavlink.MAVLink_heartbeat_message(2, 12, 0, 0, 4, 3).pack(mavlink.MAVLink(None, 1, 1))))
     assert "1 MAVLink frames" in b.app.hint() and "no DISTANCE_SENSOR" in b.app.hint()
     b.hear(distance(3.0, component=1))
-    assert "most of them wrong_source (1)" in b.app.hint()
+    assert "only the autopilot's own ranges come on udpin://127.0.0.1:0 (1): is the radio on" in b.app.hint()
     b.hear(distance(100.0))
     assert b.app.hint() == ""
 
 
 def test_why_there_is_no_range_from_a_device(linktrack):
     assert "is there a device" in linktrack.app.hint()
-    linktrack.hear(DEVICES["dwm1001_les"](3).encode(10.0, 0.0, 0.0) * 20)
+    linktrack.hear(b"temp=21.5 dist=12\r\n" * 20)
     assert "not linktrack: another baud rate than 921600?" in linktrack.app.hint()
+    linktrack.hear(DEVICES["dwm1001_les"](3).encode(10.0, 0.0, 0.0) * 40)
+    assert "not linktrack; ranges of dwm1001_les come there: set ranging.source" in linktrack.app.hint()
     for i in range(9):
         linktrack.hear(DEVICES["linktrack"](3).encode(0.0, 0.0, 0.1 * i))
     assert "no_reading" in linktrack.app.hint()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import select
 import socket
 
@@ -139,3 +140,18 @@ def test_recorded_ranges_come_when_they_are_due_and_then_the_link_ends(tmp_path)
 def test_a_recording_that_is_not_there_is_said(tmp_path):
     with pytest.raises(LinkError, match=r"nowhere\.csv: cannot read it: No such file"):
         open_link(parse(f"file://{tmp_path}/nowhere.csv"))
+
+
+@pytest.mark.parametrize("text", ["", f"{replay.HEADER}\n# nothing was heard\n"])
+def test_a_recording_without_a_range_is_no_silent_device(tmp_path, text):
+    """It was played to its end at once, and then the silence was explained as a device's."""
+    (tmp_path / "empty.csv").write_text(text)
+    with pytest.raises(LinkError, match=r"empty\.csv: it holds no ranges; a line is t_s,range_m"):
+        open_link(parse(f"file://{tmp_path}/empty.csv"))
+
+
+def test_what_may_never_end_is_not_read(tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    for path, words in ((tmp_path / "pipe", "it is not a file"), (tmp_path, "it is not a file")):
+        with pytest.raises(LinkError, match=words):
+            open_link(parse(f"file://{path}"))

@@ -46,6 +46,11 @@ def test_a_place_that_takes_nothing_is_found_before_the_work(
     assert done.stderr.startswith("circumnav: cannot write ") and str(bad) in done.stderr
     assert len(done.stderr.splitlines()) == 1
     assert (tmp_path / "file").read_text() == "kept"
+    bad = tmp_path / "typo" / "deep" / "file.svg"
+    done = run(command, *([config] if command == "tune" else []), option, bad)
+    assert done.exit_code == 2
+    assert f"{bad.parent} does not exist: make that folder, or mend the name" in done.stderr
+    assert len(done.stderr.splitlines()) == 1 and not (tmp_path / "typo").exists()
 
 
 def test_a_study_that_was_kept_is_shown_again_and_flies_nothing(tmp_path, monkeypatch):

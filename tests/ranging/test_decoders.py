@@ -308,15 +308,33 @@ class TestReplay:
 
     def test_each_line_is_due_at_its_own_time_and_none_before_the_one_above_it(self):
         text = "# recorded\n100.0,50\nnonsense\n100.5,49\n100.2,48\n101.0,47\n"
-        due = replay.schedule(text)
+        due = replay.read(text).due
         assert [at_s for at_s, _ in due] == pytest.approx([0.0, 0.0, 0.0, 0.5, 0.5, 1.0])
         assert b"".join(line for _, line in due) == text.encode()
+
+    @pytest.mark.parametrize(
+        ("text", "words"),
+        [
+            ("", "it holds no ranges; a line is t_s,range_m,"),
+            ("\ufeff# recorded\nt_s,range_m\n\n  \n", "it holds no ranges; a line is"),
+            ("time;range\n1;2\n", "it holds no ranges; line 1 is no range (nor is 1 more): 'time;range'; a line is"),
+            ("t_s,range_m\n1,80\n\nabc\n2,81\n3\n4,\n", "line 4 is no range (nor are 2 more): 'abc'; a line is"),
+            ("1,80\n2,81,,,7\n", ""),
+        ],
+    )
+    def test_a_file_that_is_no_recording_is_said(self, text, words):
+        complaint = replay.read(text).complaint()
+        assert complaint.startswith(words) and bool(complaint) is bool(words)
+        assert "\n" not in complaint
+
+    def test_the_form_that_people_are_told_is_one_that_is_read(self):
+        assert replay.read(replay.FORM.rsplit(" ", 1)[1]).ranges == 1
 
     def test_a_replay_at_its_pace_is_dated_as_recorded(self):
         receiver = open_receiver("replay", Settings())
         assert isinstance(receiver, ByteReceiver)
         text = "".join(f"{500 + 0.1 * n:.1f},{100 - n}\n" for n in range(50))
-        samples = [r for at_s, line in replay.schedule(text) for r in receiver.feed(line, 7.0 + at_s)]
+        samples = [r for at_s, line in replay.read(text).due for r in receiver.feed(line, 7.0 + at_s)]
         assert [s.t_s for s in samples] == pytest.approx([7.0 + 0.1 * n for n in range(50)], abs=1e-6)
         assert receiver.counts.rejected == {}
 

@@ -13,6 +13,7 @@ from collections.abc import Mapping
 from math import acos, atan2, cos, hypot, isfinite, isnan, log, nan, sin, sqrt
 from typing import NamedTuple
 
+from circumnav_mav.guidance.bounds import NOISE, POSITIVE, refuse_options
 from circumnav_mav.guidance.estimators.gate import AGREE_S, compared, refuse, remember, shelved
 from circumnav_mav.guidance.kernel import (
     RESTARTED,
@@ -193,17 +194,14 @@ def parameters(options: Mapping[str, float], context: EstimatorContext) -> Param
     given = {**OPTIONS, **options}
     limit = context.turn_rate_limit if isfinite(context.turn_rate_limit) else 3.0 * context.V / context.r_a
     accel = 0.1 * context.V * limit if isnan(given["accel_m_s2"]) else given["accel_m_s2"]
-    for name in ("sigma_m", "sigma_rate_m_s", "gate_sigmas"):
-        if not given[name] > 0.0:
-            raise ValueError(f"{name} must be above 0, not {given[name]}")
-    if not accel > 0.0:
-        raise ValueError(f"accel_m_s2 must be above 0, not {accel}")
+    refuse_options({**given, "accel_m_s2": accel}, BOUNDS)
     return Parameters(
         context.V, given["sigma_m"], given["sigma_rate_m_s"], accel * accel, given["gate_sigmas"], context.side
     )
 
 
 OPTIONS = {"sigma_m": 0.3, "sigma_rate_m_s": 0.5, "accel_m_s2": nan, "gate_sigmas": 4.0}
+BOUNDS = {**NOISE, "accel_m_s2": POSITIVE}
 
 ESTIMATOR = Estimator(
     name="direct",
@@ -213,6 +211,7 @@ ESTIMATOR = Estimator(
     covariance=covariance,
     parameters=parameters,
     options=OPTIONS,
+    bounds=BOUNDS,
     needs=frozenset({"range", "speed", "turn_rate"}),
     gives=frozenset({"r", "r_dot", "V", "u", "theta"}),
     source="Kalman filter; polar kinematics of Hashemi et al. 2013",

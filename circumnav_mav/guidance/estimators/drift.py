@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from math import atan2, cos, hypot, isnan, nan, pi, sin
 
+from circumnav_mav.guidance.bounds import ALARM, NOISE, Bound, forgets, refuse_options
 from circumnav_mav.guidance.estimators.drift_gaussian import (
     STILL,
     Drift,
@@ -272,9 +273,7 @@ def places(bank: list[Drift]) -> list[tuple[float, float]]:
 def parameters(options: Mapping[str, float], context: EstimatorContext) -> Parameters:
     """Return the kernel's parameters; priors and noises are shares of the airspeed, so that they suit any vehicle."""
     given = {**OPTIONS, **options}
-    for name, value in given.items():
-        if not value > 0.0:
-            raise ValueError(f"{name} must be above 0, not {value}")
+    refuse_options(given, BOUNDS)
     V, omega = context.V, context.V / context.r_a
     return Parameters(
         V=V,
@@ -288,9 +287,12 @@ def parameters(options: Mapping[str, float], context: EstimatorContext) -> Param
         gate=given["gate_sigmas"],
         alarm=given["alarm_nis"],
         w_most=0.95 * V,
-        s_most=0.35,
+        s_most=S_MOST,
     )
 
+
+S_MOST = 0.35
+"""The greatest share by which the speed is believed to be wrong."""
 
 OPTIONS = {
     "sigma_m": 0.3,
@@ -303,6 +305,15 @@ OPTIONS = {
     "gate_sigmas": 4.0,
     "alarm_nis": 3.0,
 }
+BOUNDS = {
+    **NOISE,
+    "alarm_nis": ALARM,
+    "drift_share": Bound(high=1.0, most=2.0, large="expects a drift faster than the vehicle, which none can fly in"),
+    "scale_sigma": Bound(high=S_MOST, most=1.0, large=f"expects a wronger speed than is ever believed, {S_MOST:g}"),
+    "wander_share": forgets("the position", 0.1, 0.5),
+    "gust_share": forgets("the drift", 0.1, 1.0),
+    "scale_wander": forgets("how wrong the speed is", 0.1, 1.0),
+}
 
 ESTIMATOR = Estimator(
     name="drift",
@@ -313,6 +324,7 @@ ESTIMATOR = Estimator(
     places=places,
     parameters=parameters,
     options=OPTIONS,
+    bounds=BOUNDS,
     needs=frozenset({"range", "speed", "turn_rate", "heading"}),
     gives=frozenset({"r", "r_dot", "V", "u", "theta", "psi", "px", "py", "wx", "wy"}),
     source="ring of extended Kalman filters",

@@ -12,6 +12,7 @@ from collections.abc import Mapping
 from math import atan2, cos, hypot, isnan, log, nan, pi, sin
 from typing import NamedTuple
 
+from circumnav_mav.guidance.bounds import ALARM, NOISE, forgets, refuse_options
 from circumnav_mav.guidance.estimators.gate import AGREE_S, compared, refuse, remember, restarted, shelved
 from circumnav_mav.guidance.estimators.ring import (
     NEVER,
@@ -232,9 +233,7 @@ def places(bank: list[Polar]) -> list[tuple[float, float]]:
 def parameters(options: Mapping[str, float], context: EstimatorContext) -> Parameters:
     """Return the kernel's parameters; noises given as a share of speed and of the turn rate on the circle."""
     given = {**OPTIONS, **options}
-    for name, value in given.items():
-        if not value > 0.0:
-            raise ValueError(f"{name} must be above 0, not {value}")
+    refuse_options(given, BOUNDS)
     V, omega = context.V, context.V / context.r_a
     return Parameters(
         V=V,
@@ -256,6 +255,12 @@ OPTIONS = {
     "gate_sigmas": 4.0,
     "alarm_nis": 5.0,
 }
+BOUNDS = {
+    **NOISE,
+    "alarm_nis": ALARM,
+    "drift_share": forgets("the range", 0.3, 1.0),
+    "turn_share": forgets("the bearing", 0.5, 1.0),
+}
 
 ESTIMATOR = Estimator(
     name="polar",
@@ -266,6 +271,7 @@ ESTIMATOR = Estimator(
     places=places,
     parameters=parameters,
     options=OPTIONS,
+    bounds=BOUNDS,
     needs=frozenset({"range", "speed", "turn_rate"}),
     gives=frozenset({"r", "r_dot", "V", "u", "theta"}),
     source="extended Kalman filters on the polar form of Hashemi et al. 2013",

@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from math import isnan, nan
 from typing import NamedTuple
 
+from circumnav_mav.guidance.bounds import POSITIVE, refuse_options
 from circumnav_mav.guidance.estimators.gate import remember
 from circumnav_mav.guidance.kernel import Estimate, Estimator, EstimatorContext, Memory, Moved, Reading
 
@@ -48,13 +49,13 @@ def covariance(bank: list[Last]) -> tuple[float, ...]:
 
 
 def parameters(options: Mapping[str, float], context: EstimatorContext) -> Parameters:
-    sigma_r = options.get("sigma_m", OPTIONS["sigma_m"])
-    if not sigma_r > 0.0:
-        raise ValueError(f"sigma_m must be above 0, not {sigma_r}")
-    return Parameters(sigma_r)
+    given = {**OPTIONS, **options}
+    refuse_options(given, BOUNDS)
+    return Parameters(given["sigma_m"])
 
 
 OPTIONS = {"sigma_m": 0.3}
+BOUNDS = {"sigma_m": POSITIVE}
 
 ESTIMATOR = Estimator(
     name="raw",
@@ -64,6 +65,7 @@ ESTIMATOR = Estimator(
     covariance=covariance,
     parameters=parameters,
     options=OPTIONS,
+    bounds=BOUNDS,
     needs=frozenset({"range", "speed"}),
     gives=frozenset({"r", "r_dot", "V", "u"}),
     source="no filter (Hashemi et al. 2013)",

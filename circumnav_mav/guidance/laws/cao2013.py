@@ -14,6 +14,7 @@ from dataclasses import replace
 from math import isfinite, nan, sqrt
 from typing import NamedTuple
 
+from circumnav_mav.guidance.bounds import LAYER, TURN_SHARE, refuse_options
 from circumnav_mav.guidance.kernel import Estimate, Law, LawContext
 from circumnav_mav.guidance.laws.hashemi2013 import TINY, Parameters, parameters
 
@@ -55,8 +56,7 @@ def full_turn(share: float, context: LawContext) -> float:
 def saturated_parameters(options: Mapping[str, float], context: LawContext) -> Saturated:
     """Return the kernel's parameters. ValueError, in words, for options that cannot fly."""
     given = {**SATURATED.options, **options}
-    if not given["layer_share"] > 0.0:
-        raise ValueError(f"layer_share must be above 0, not {given['layer_share']}")
+    refuse_options(given, SATURATED.bounds)
     return Saturated(context.r_a, full_turn(given["turn_share"], context), given["layer_share"] * context.V)
 
 
@@ -74,6 +74,7 @@ SATURATED = Law(
     turn_rate=saturated,
     parameters=saturated_parameters,
     options={"turn_share": 1.0, "layer_share": 0.1},
+    bounds={"turn_share": TURN_SHARE, "layer_share": LAYER},
     needs=("r", "r_dot", "V"),
     source="after Cao, Muse, Casbeer, Kingston 2013",
 )

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import NamedTuple
 
+from circumnav_mav.guidance.bounds import LAYER, TURN_SHARE, Bound, refuse_options
 from circumnav_mav.guidance.kernel import Estimate, Law, LawContext
 from circumnav_mav.guidance.laws.cao2013 import full_turn
 
@@ -32,9 +33,7 @@ def turn_rate(est: Estimate, par: Parameters) -> float:
 def parameters(options: Mapping[str, float], context: LawContext) -> Parameters:
     """Return the kernel's parameters. ValueError, in words, for options that cannot fly."""
     given = {**OPTIONS, **options}
-    for name, value in given.items():
-        if not value > 0.0:
-            raise ValueError(f"{name} must be above 0, not {value}")
+    refuse_options(given, BOUNDS)
     closing = given["closing_share"]
     if closing >= 1.0:
         raise ValueError(f"closing_share must stay below 1 (no vehicle closes faster than it flies), not {closing}")
@@ -44,12 +43,26 @@ def parameters(options: Mapping[str, float], context: LawContext) -> Parameters:
 
 
 OPTIONS = {"turn_share": 1.0, "slope": 2.0, "closing_share": 0.8, "layer_share": 0.1}
+BOUNDS = {
+    "turn_share": TURN_SHARE,
+    "slope": Bound(
+        least=0.1,
+        low=0.5,
+        high=10.0,
+        most=100.0,
+        small="lets the vehicle fly beside the circle",
+        large="makes the vehicle weave about the circle",
+    ),
+    "closing_share": Bound(low=0.2, small="closes in so slowly that any wind stops it"),
+    "layer_share": LAYER,
+}
 
 LAW = Law(
     name="sliding_mode",
     turn_rate=turn_rate,
     parameters=parameters,
     options=OPTIONS,
+    bounds=BOUNDS,
     needs=("r", "r_dot"),
     source="Matveev, Teimoori, Savkin 2011",
 )

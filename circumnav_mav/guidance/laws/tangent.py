@@ -15,6 +15,7 @@ from collections.abc import Mapping
 from math import asin, atan, atan2, cos, exp, hypot, isfinite, isnan, nan, pi, sin, sqrt
 from typing import NamedTuple
 
+from circumnav_mav.guidance.bounds import POSITIVE, refuse_options
 from circumnav_mav.guidance.kernel import Estimate, Law, LawContext
 
 STEPS = 12
@@ -147,9 +148,7 @@ def parameters(options: Mapping[str, float], context: LawContext) -> Parameters:
     lag = context.turn_lag_s if isnan(given["lag_s"]) else given["lag_s"]
     if not lag >= 0.0:
         raise ValueError(f"lag_s must be 0 or more, not {lag}")
-    for name in ("reach_s", "gain_per_s"):
-        if not given[name] > 0.0:
-            raise ValueError(f"{name} must be above 0, not {given[name]}")
+    refuse_options(given, BOUNDS)
     limit = context.turn_rate_limit
     if not (isfinite(limit) and limit > 0.0):
         raise ValueError("this law plans its turns: limits.turn_rate_rad_s must be given")
@@ -163,12 +162,14 @@ def parameters(options: Mapping[str, float], context: LawContext) -> Parameters:
 
 
 OPTIONS = {"reach_s": 1.5, "gain_per_s": 1.0, "lag_s": nan}
+BOUNDS = {"reach_s": POSITIVE, "gain_per_s": POSITIVE}
 
 LAW = Law(
     name="tangent",
     turn_rate=turn_rate,
     parameters=parameters,
     options=OPTIONS,
+    bounds=BOUNDS,
     needs=("r", "V", "u", "psi", "px", "py", "wx", "wy"),
     source="docs/guidance_law.md",
 )
