@@ -1,6 +1,10 @@
-"""The app as a user starts it, with two buttons: SIGUSR1 blocks its loop for 3 s, SIGUSR2 with the GIL held.
+"""The app as a process, as a user starts it, but for its clock and two buttons.
 
-With PACE_FILE in the environment it keeps one clock with the stub, as a demo does.
+With PACE_FILE in the environment it keeps one clock with the stub, as a demo does: a machine that stands still for two
+seconds holds both up, and is no silence between them. Without, either would find the other gone, and rightly let go.
+
+The buttons hang its loop for 3 s: SIGUSR1, and SIGUSR2 with the GIL held. They count naps, as the watchdog does: a
+machine that stands still meanwhile makes it hang no less.
 """
 
 from __future__ import annotations
@@ -8,14 +12,59 @@ from __future__ import annotations
 import ctypes
 import os
 import signal
+import subprocess
+import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 
-from circumnav_mav import cli
-from circumnav_mav.runtime.pace import PacedClock
+from sitl_stub.pace import SIZE, Pace
 
-signal.signal(signal.SIGUSR1, lambda *_: time.sleep(3.0))
-signal.signal(signal.SIGUSR2, lambda *_: ctypes.PyDLL(None).usleep(3_000_000))
-if pace_file := os.environ.get("PACE_FILE"):
-    cli.Clock = lambda: PacedClock(1.0, Path(pace_file))
-cli.main()
+ROOT = Path(__file__).parents[1]
+NAP_S, NAPS = 0.05, 60
+
+
+def start_app(*arguments: str, pace_file: Path, **more) -> subprocess.Popen:
+    """Start `circumnav` with these arguments; it keeps its clock with whoever opens `pace_file`."""
+    pace_file.unlink(missing_ok=True)
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), "PACE_FILE": str(pace_file)}
+    return subprocess.Popen([sys.executable, "-m", "tests.app_process", *arguments], env=environment, **more)
+
+
+def wait_for_pace(pace_file: Path, child: subprocess.Popen) -> Path:
+    """Return `pace_file` as soon as the app has made it."""
+    while not (pace_file.exists() and pace_file.stat().st_size == SIZE):
+        assert child.poll() is None, "the app has ended before it flew"
+        time.sleep(0.01)
+    return pace_file
+
+
+class Alone(Pace):
+    """The vehicle's end of a pace file that tells the app the time, and no longer waits for it: the app is to hang."""
+
+    def limit_s(self, now_s: float, wall_s: float) -> float:
+        super().limit_s(now_s, wall_s)
+        return float("inf")
+
+
+def hang(nap: Callable[[], object]) -> None:
+    for _ in range(NAPS):
+        nap()
+
+
+def hang_with_the_gil(usleep: Callable[[int], object]) -> None:
+    before = sys.getswitchinterval()
+    sys.setswitchinterval(1e3)  # so long nobody may ask for the GIL between two naps
+    hang(lambda: usleep(round(NAP_S * 1e6)))
+    sys.setswitchinterval(before)
+
+
+if __name__ == "__main__":
+    from circumnav_mav import cli
+    from circumnav_mav.runtime.pace import PacedClock
+
+    signal.signal(signal.SIGUSR1, lambda *_: hang(lambda: time.sleep(NAP_S)))
+    signal.signal(signal.SIGUSR2, lambda *_: hang_with_the_gil(ctypes.PyDLL(None).usleep))
+    if pace_file := os.environ.get("PACE_FILE"):
+        cli.Clock = lambda: PacedClock(1.0, Path(pace_file))
+    cli.main()
