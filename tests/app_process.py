@@ -61,10 +61,11 @@ def hang_with_the_gil(usleep: Callable[[int], object]) -> None:
 
 if __name__ == "__main__":
     from circumnav_mav import cli
+    from circumnav_mav.runtime import live_check
     from circumnav_mav.runtime.pace import PacedClock
 
     signal.signal(signal.SIGUSR1, lambda *_: hang(lambda: time.sleep(NAP_S)))
     signal.signal(signal.SIGUSR2, lambda *_: hang_with_the_gil(ctypes.PyDLL(None).usleep))
     if pace_file := os.environ.get("PACE_FILE"):
-        cli.Clock = lambda: PacedClock(1.0, Path(pace_file))
+        cli.Clock = live_check.Clock = lambda: PacedClock(1.0, Path(pace_file))
     cli.main()

@@ -180,7 +180,7 @@ def test_a_bias_is_measured_and_written_and_nothing_but_listening_is_done(tmp_pa
             n += 1
             cable.say(tag.encode(10.3 + noise.gauss(0.0, 0.03), 0.0, time.monotonic() - start_s))
             sent += cable.heard()
-            time.sleep(0.02)
+            time.sleep(0.005)  # often: a machine that stands still for most of these seconds leaves enough of them
         out = app.stdout.read()
         assert app.returncode == 0, out
         assert "standard error 0.00" in out and "good" in out and "written    ranging.bias_m" in out
