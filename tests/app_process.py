@@ -1,7 +1,8 @@
 """The app as a process, as a user starts it, but for its clock and two buttons.
 
-With PACE_FILE in the environment it keeps one clock with the stub, as a demo does: a machine that stands still for two
-seconds holds both up, and is no silence between them. Without, either would find the other gone, and rightly let go.
+With PACE_FILE in the environment it keeps one clock with the stub, as a demo does, at PACE_SPEED times real time: a
+machine that stands still for two seconds holds both up, and is no silence between them. Without, either would find the
+other gone, and rightly let go.
 
 The buttons hang its loop for 3 s: SIGUSR1, and SIGUSR2 with the GIL held. They count naps, as the watchdog does: a
 machine that stands still meanwhile makes it hang no less.
@@ -24,10 +25,13 @@ ROOT = Path(__file__).parents[1]
 NAP_S, NAPS = 0.05, 60
 
 
-def start_app(*arguments: str, pace_file: Path, **more) -> subprocess.Popen:
-    """Start `circumnav` with these arguments; it keeps its clock with whoever opens `pace_file`."""
+def start_app(*arguments: str, pace_file: Path, speed: float = 1.0, **more) -> subprocess.Popen:
+    """Start `circumnav` with these arguments; it keeps its clock with whoever opens `pace_file`.
+
+    speed: flight seconds a wall second, of both.
+    """
     pace_file.unlink(missing_ok=True)
-    environment = {**os.environ, "PYTHONPATH": str(ROOT), "PACE_FILE": str(pace_file)}
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), "PACE_FILE": str(pace_file), "PACE_SPEED": str(speed)}
     return subprocess.Popen([sys.executable, "-m", "tests.app_process", *arguments], env=environment, **more)
 
 
@@ -67,5 +71,5 @@ if __name__ == "__main__":
     signal.signal(signal.SIGUSR1, lambda *_: hang(lambda: time.sleep(NAP_S)))
     signal.signal(signal.SIGUSR2, lambda *_: hang_with_the_gil(ctypes.PyDLL(None).usleep))
     if pace_file := os.environ.get("PACE_FILE"):
-        cli.Clock = live_check.Clock = lambda: PacedClock(1.0, Path(pace_file))
+        cli.Clock = live_check.Clock = lambda: PacedClock(float(os.environ.get("PACE_SPEED", "1")), Path(pace_file))
     cli.main()
