@@ -122,8 +122,9 @@ def test_no_autopilot_is_one_line(tmp_path):
 @pytest.mark.soak
 def test_no_range_is_one_line_and_says_that_the_decoy_was_heard(tmp_path):
     port = free_port()
-    with stub(port, "--no-radio", "--airborne", "15", truth=tmp_path / "truth.csv"):
-        done = run("fly", written(tmp_path, f"vehicle: {{link: 'udpin://127.0.0.1:{port}'}}"), "--wait", "3")
+    with stub(port, "--no-radio", "--airborne", "15", truth=tmp_path / "truth.csv") as vehicle:
+        wait_for(vehicle, "ready")
+        done = run("fly", written(tmp_path, f"vehicle: {{link: 'udpin://127.0.0.1:{port}'}}"), "--wait", "5")
     assert done.returncode == 1
     assert "no_range" in done.stderr
 
@@ -162,10 +163,10 @@ def test_ctrl_c_hands_over_to_hold_and_a_pilot_engages(tmp_path):
     assert modes[0] == modes[-1] == "AUTO/LOITER" and "OFFBOARD" in modes
 
 
-def wait_for(app: subprocess.Popen, word: str) -> None:
-    """Read the app's output up to a line with `word`; the process's own time limit ends a vain wait."""
-    assert app.stdout is not None
-    for line in app.stdout:
+def wait_for(child: subprocess.Popen, word: str) -> None:
+    """Read the output of a process up to a line with `word`; the test's own time limit ends a vain wait."""
+    assert child.stdout is not None
+    for line in child.stdout:
         if word in line:
             return
-    pytest.fail(f"the app ended before it said '{word}'")
+    pytest.fail(f"the process ended before it said '{word}'")
