@@ -142,9 +142,9 @@ def test_ctrl_c_hands_over_to_hold_and_a_pilot_engages(tmp_path):
     """fly with engage: pilot. A ground station selects Offboard; Ctrl-C ends it in Hold with the logs closed."""
     port, gcs = free_port(), free_port()
     config = written(tmp_path, f"vehicle: {{link: 'udpin://127.0.0.1:{port}'}}")
-    truth, pace, quiet = tmp_path / "truth.csv", tmp_path / "pace", subprocess.PIPE
+    truth, pace, pipe = tmp_path / "truth.csv", tmp_path / "pace", subprocess.PIPE
     arguments = ("fly", config, "--json", str(tmp_path / "f.json"))
-    with ended(start_app(*arguments, pace_file=pace, cwd=ROOT, stdout=quiet, stderr=quiet, text=True)) as app:
+    with ended(start_app(*arguments, pace_file=pace, cwd=ROOT, stdout=pipe, stderr=pipe, text=True)) as app:
         wait_for_pace(pace, app)
         with stub(port, "--airborne", "15", "--gcs-listen", str(gcs), "--pace", str(pace), truth=truth) as vehicle:
             wait_for(app, "select Offboard")
