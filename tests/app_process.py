@@ -4,8 +4,8 @@ With PACE_FILE in the environment it keeps one clock with the stub, as a demo do
 machine that stands still for two seconds holds both up, and is no silence between them. Without, either would find the
 other gone, and rightly let go.
 
-The buttons hang its loop for 3 s: SIGUSR1, and SIGUSR2 with the GIL held. They count naps, as the watchdog does: a
-machine that stands still meanwhile makes it hang no less.
+The buttons hang its loop until a byte comes on its stdin: SIGUSR1 (for 2.5 s at least, counted in naps as the watchdog
+counts them), and SIGUSR2 with the GIL held. So it hangs for as long as the test's own clock says, whoever stands still.
 """
 
 from __future__ import annotations
@@ -16,13 +16,12 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
 from pathlib import Path
 
 from sitl_stub.pace import SIZE, Pace
 
 ROOT = Path(__file__).parents[1]
-NAP_S, NAPS = 0.05, 60
+NAP_S, NAPS = 0.05, 50
 
 
 def start_app(*arguments: str, pace_file: Path, speed: float = 1.0, **more) -> subprocess.Popen:
@@ -51,16 +50,14 @@ class Alone(Pace):
         return float("inf")
 
 
-def hang(nap: Callable[[], object]) -> None:
+def hang() -> None:
     for _ in range(NAPS):
-        nap()
+        time.sleep(NAP_S)
+    os.read(0, 1)
 
 
-def hang_with_the_gil(usleep: Callable[[int], object]) -> None:
-    before = sys.getswitchinterval()
-    sys.setswitchinterval(1e3)  # so long nobody may ask for the GIL between two naps
-    hang(lambda: usleep(round(NAP_S * 1e6)))
-    sys.setswitchinterval(before)
+def hang_with_the_gil() -> None:
+    ctypes.PyDLL(None).read(0, ctypes.create_string_buffer(1), 1)
 
 
 if __name__ == "__main__":
@@ -68,8 +65,8 @@ if __name__ == "__main__":
     from circumnav_mav.runtime import live_check
     from circumnav_mav.runtime.pace import PacedClock
 
-    signal.signal(signal.SIGUSR1, lambda *_: hang(lambda: time.sleep(NAP_S)))
-    signal.signal(signal.SIGUSR2, lambda *_: hang_with_the_gil(ctypes.PyDLL(None).usleep))
+    signal.signal(signal.SIGUSR1, lambda *_: hang())
+    signal.signal(signal.SIGUSR2, lambda *_: hang_with_the_gil())
     if pace_file := os.environ.get("PACE_FILE"):
         cli.Clock = live_check.Clock = lambda: PacedClock(float(os.environ.get("PACE_SPEED", "1")), Path(pace_file))
     cli.main()
