@@ -178,7 +178,7 @@ class App:
 
     def _send(self, link: str, frames: list[bytes]) -> None:
         for frame in frames:
-            if self._silenced or self.flight.was_stopped:  # since this tick began: what it decided is too old
+            if self._silenced or self.flight.was_away(self._clock.now()):  # since this tick began: it decided too early
                 return
             self._links[link].send(frame)
             self._recorder.frame(frame)

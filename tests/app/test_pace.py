@@ -89,7 +89,7 @@ def test_who_stands_still_for_long_is_given_up_and_met_again(wall, held, patienc
 
 @pytest.mark.parametrize("first", ["app", "vehicle"])
 def test_a_machine_that_stands_still_holds_both_up_and_neither_is_given_up(wall, first):
-    """Both find the wall clock far ahead; whoever is back first sees the other where it was, and that proves nothing."""
+    """Both find the wall clock far ahead; who is back first sees the other where it was, and that proves nothing."""
     wall.run(1.0)
     app_s, vehicle_s = wall.app_s, wall.vehicle_s
     for _ in range(5):

@@ -18,6 +18,7 @@ import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
 from circumnav_mav.report import read_columns
+from tests.app_process import start_app, wait_for_pace
 
 ROOT = Path(__file__).parents[2]
 CIRCUMNAV = [sys.executable, "-c", "from circumnav_mav.cli import main; main()"]
@@ -32,6 +33,12 @@ def free_port() -> int:
 @contextlib.contextmanager
 def process(*command: str, **more) -> Iterator[subprocess.Popen]:
     child = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **more)
+    with ended(child):
+        yield child
+
+
+@contextlib.contextmanager
+def ended(child: subprocess.Popen) -> Iterator[subprocess.Popen]:
     try:
         yield child
     finally:
@@ -115,8 +122,9 @@ def test_no_autopilot_is_one_line(tmp_path):
 @pytest.mark.soak
 def test_no_range_is_one_line_and_says_that_the_decoy_was_heard(tmp_path):
     port = free_port()
-    with stub(port, "--no-radio", "--airborne", "15", truth=tmp_path / "truth.csv"):
-        done = run("fly", written(tmp_path, f"vehicle: {{link: 'udpin://127.0.0.1:{port}'}}"), "--wait", "3")
+    with stub(port, "--no-radio", "--airborne", "15", truth=tmp_path / "truth.csv") as vehicle:
+        wait_for(vehicle, "ready")
+        done = run("fly", written(tmp_path, f"vehicle: {{link: 'udpin://127.0.0.1:{port}'}}"), "--wait", "5")
     assert done.returncode == 1
     assert "no_range" in done.stderr
 
@@ -134,31 +142,31 @@ def test_ctrl_c_hands_over_to_hold_and_a_pilot_engages(tmp_path):
     """fly with engage: pilot. A ground station selects Offboard; Ctrl-C ends it in Hold with the logs closed."""
     port, gcs = free_port(), free_port()
     config = written(tmp_path, f"vehicle: {{link: 'udpin://127.0.0.1:{port}'}}")
-    truth = tmp_path / "truth.csv"
-    with (
-        stub(port, "--airborne", "15", "--gcs-listen", str(gcs), truth=truth) as vehicle,
-        process(*CIRCUMNAV, "fly", config, "--json", str(tmp_path / "f.json")) as app,
-    ):
-        wait_for(app, "select Offboard")
-        command = mavlink.MAVLink_command_long_message(1, 1, mavlink.MAV_CMD_DO_SET_MODE, 0, 1, 6, 0, 0, 0, 0, 0)
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as station:
-            station.sendto(command.pack(mavlink.MAVLink(None, 255, 190)), ("127.0.0.1", gcs))
-        wait_for(app, "acquiring")
-        time.sleep(2.0)
-        app.send_signal(signal.SIGINT)
-        out, err = app.communicate(timeout=30)
-        vehicle.terminate()
-        vehicle.communicate(timeout=10)
+    truth, pace, pipe = tmp_path / "truth.csv", tmp_path / "pace", subprocess.PIPE
+    arguments = ("fly", config, "--json", str(tmp_path / "f.json"))
+    with ended(start_app(*arguments, pace_file=pace, cwd=ROOT, stdout=pipe, stderr=pipe, text=True)) as app:
+        wait_for_pace(pace, app)
+        with stub(port, "--airborne", "15", "--gcs-listen", str(gcs), "--pace", str(pace), truth=truth) as vehicle:
+            wait_for(app, "select Offboard")
+            command = mavlink.MAVLink_command_long_message(1, 1, mavlink.MAV_CMD_DO_SET_MODE, 0, 1, 6, 0, 0, 0, 0, 0)
+            with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as station:
+                station.sendto(command.pack(mavlink.MAVLink(None, 255, 190)), ("127.0.0.1", gcs))
+            wait_for(app, "acquiring")
+            time.sleep(0.5)
+            app.send_signal(signal.SIGINT)
+            out, err = app.communicate(timeout=30)
+            vehicle.terminate()
+            vehicle.communicate(timeout=10)
     assert app.returncode == 0, out + err
     assert json.loads((tmp_path / "f.json").read_text())["outcome"] == "completed"
     modes = read_columns(truth)["mode"]
     assert modes[0] == modes[-1] == "AUTO/LOITER" and "OFFBOARD" in modes
 
 
-def wait_for(app: subprocess.Popen, word: str) -> None:
-    """Read the app's output up to a line with `word`; the process's own time limit ends a vain wait."""
-    assert app.stdout is not None
-    for line in app.stdout:
+def wait_for(child: subprocess.Popen, word: str) -> None:
+    """Read the output of a process up to a line with `word`; the test's own time limit ends a vain wait."""
+    assert child.stdout is not None
+    for line in child.stdout:
         if word in line:
             return
-    pytest.fail(f"the app ended before it said '{word}'")
+    pytest.fail(f"the process ended before it said '{word}'")

@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import pytest
 
 from circumnav_mav.config import Config
+from circumnav_mav.flight import VEHICLE
 from circumnav_mav.guidance.phases import Phase
 from circumnav_mav.mavlink.vehicles.fitness import Unfit
 from circumnav_mav.runtime.app import FIT_WITHIN, App, Options
@@ -23,6 +24,38 @@ def test_a_clock_that_stood_still_is_a_note(held_s, percent):
 @pytest.mark.parametrize("held_s", [0.0, 4.0])
 def test_a_clock_that_hardly_did_is_none(held_s):
     assert held_note(held_s, 200.0, speed=5.0) == ""
+
+
+class Hands(Clock):
+    """A clock whose time the test sets."""
+
+    s = 0.0
+
+    def now(self) -> float:
+        return self.s
+
+
+@pytest.mark.parametrize(("held_s", "leaves"), [(0.1, True), (0.6, False)])
+def test_a_tick_that_is_held_up_before_it_sends_sends_nothing_old(held_s, leaves):
+    """A machine may stand still there, too, with no signal: the autopilot may fly on its own when it is back."""
+    sent: list[bytes] = []
+    clock, ignore = Hands(), lambda *_: None
+    quiet = SimpleNamespace(frame=ignore, tick=ignore, event=ignore, show=ignore)
+    app = App(Config(), clock, quiet, quiet, Options())
+    app._links[VEHICLE] = SimpleNamespace(send=sent.append, drain=lambda: 0, send_errors=0)
+    decide = app.flight.tick
+
+    def held_up(*arguments):
+        decided = decide(*arguments)
+        clock.s += held_s
+        return decided
+
+    for clock.s in (0.0, 0.4, 0.8):
+        app._tick(clock.s, 0.0, 0)
+    assert len(sent) == 1, "a heartbeat, once a second"
+    clock.s, app.flight.tick = 1.2, held_up
+    app._tick(clock.s, 0.0, 0)
+    assert len(sent) == (2 if leaves else 1)
 
 
 def waiting() -> App:

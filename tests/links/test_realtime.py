@@ -7,7 +7,6 @@ import random
 import select
 import socket
 import subprocess
-import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -17,42 +16,40 @@ import pytest
 from circumnav_mav.mavlink.codec import Splitter
 from sitl_stub import Stub, StubConfig
 from sitl_stub.devices import DEVICES
+from sitl_stub.pace import Pace
+from tests.app_process import start_app, wait_for_pace
 from tests.links.fake_loop import Cable
 from tests.lockstep import OFFBOARD_LINK, Peer, airborne
 
 pytestmark = pytest.mark.realtime
-ROOT = Path(__file__).parents[2]
 OFFBOARD = 0x00060000
+PACE = "pace"
+STEP_S = 0.05
+"""The longest that the vehicle flies at once: a machine that stands still is not made up for."""
 
 
 def circumnav(tmp_path: Path, *arguments: str) -> subprocess.Popen[str]:
-    return subprocess.Popen(
-        [sys.executable, "-c", "from circumnav_mav.cli import main; main()", *arguments],
-        cwd=tmp_path, env={**os.environ, "PYTHONPATH": str(ROOT)},
-        stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
-    )  # fmt: skip
+    return start_app(
+        *arguments, pace_file=tmp_path / PACE, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+    )
 
 
 class Vehicle:
-    """The stub on the wall clock, on a stream: a pseudo-terminal's master or a connected socket."""
+    """The stub in step with the app, on a stream: a pseudo-terminal's master or a connected socket."""
 
-    def __init__(self, config: StubConfig) -> None:
-        self.stub = Stub(config)
+    def __init__(self, config: StubConfig, pace: Pace) -> None:
+        self.stub, self._pace = Stub(config), pace
         self.pilot = Peer(self.stub)
-        self.start_s = time.monotonic()
+        self.now_s, self._wall_s = 0.0, time.monotonic()
         self.splitter = Splitter()
         self.setpoints: list[float] = []
         self.each_tick: Callable[[float], None] = lambda now_s: None
-
-    @property
-    def now_s(self) -> float:
-        return time.monotonic() - self.start_s
 
     def run(self, for_s: float, fd: int | None, *, until: Callable[[], bool] = lambda: False) -> bool:
         """Fly; return whether `until` came to hold. fd: the stream to the app, None = there is none."""
         end_s = self.now_s + for_s
         while self.now_s < end_s and not until():
-            self.stub.advance(self.now_s)
+            self._advance()
             self.each_tick(self.now_s)
             said = b"".join(self.stub.take(OFFBOARD_LINK))
             if fd is None:
@@ -62,6 +59,13 @@ class Vehicle:
             if select.select([fd], [], [], 0.01)[0]:
                 self._read(fd)
         return until()
+
+    def _advance(self) -> None:
+        wall_s = time.monotonic()
+        limit_s = self._pace.limit_s(self.now_s, wall_s)
+        self.now_s = max(self.now_s, min(self.now_s + min(wall_s - self._wall_s, STEP_S), limit_s))
+        self._wall_s = wall_s
+        self.stub.advance(self.now_s)
 
     def _write(self, fd: int, data: bytes) -> None:
         try:
@@ -97,7 +101,7 @@ def test_a_serial_link_unplugged_in_flight_comes_back_and_the_aircraft_is_not_ta
     (tmp_path / "c.yaml").write_text(f"vehicle: {{link: 'serial://{cable.path}:921600'}}\nrecord: {{directory: f}}\n")
     app = circumnav(tmp_path, "fly", "c.yaml")
     try:
-        vehicle = Vehicle(airborne(distance_m=60.0))
+        vehicle = Vehicle(airborne(distance_m=60.0), Pace(wait_for_pace(tmp_path / PACE, app)))
         vehicle.engage(cable.master)
         cable.unplug()
         vehicle.run(2.5, None)  # longer than the loss timeout: the autopilot's failsafe acts
@@ -131,7 +135,7 @@ def test_an_autopilot_on_tcp_and_a_radio_on_a_serial_port_fly(tmp_path):
     try:
         router, _ = listener.accept()
         vehicle, tag, noise = (
-            Vehicle(airborne(distance_m=60.0, radio=False)),
+            Vehicle(airborne(distance_m=60.0, radio=False), Pace(wait_for_pace(tmp_path / PACE, app))),
             DEVICES["dwm1001_les"](3),
             random.Random(1),
         )
@@ -176,7 +180,7 @@ def test_a_bias_is_measured_and_written_and_nothing_but_listening_is_done(tmp_pa
             n += 1
             cable.say(tag.encode(10.3 + noise.gauss(0.0, 0.03), 0.0, time.monotonic() - start_s))
             sent += cable.heard()
-            time.sleep(0.02)
+            time.sleep(0.005)  # often: a machine that stands still for most of these seconds leaves enough of them
         out = app.stdout.read()
         assert app.returncode == 0, out
         assert "standard error 0.00" in out and "good" in out and "written    ranging.bias_m" in out

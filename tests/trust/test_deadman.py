@@ -9,7 +9,6 @@ import socket
 import subprocess
 import sys
 import threading
-import time
 from pathlib import Path
 
 import pytest
@@ -19,9 +18,9 @@ from circumnav_mav.mavlink.vehicles import VEHICLES
 from circumnav_mav.runtime.systemd import Notifier
 from circumnav_mav.runtime.watchdog import NAP_S, Watchdog
 from sitl_stub import Stub
-from sitl_stub.pace import SIZE as PACE_FILE_SIZE
 from sitl_stub.pace import Pace
 from sitl_stub.server import Endpoint, Server
+from tests.app_process import Alone, start_app, wait_for_pace
 from tests.lockstep import Peer, airborne
 from tests.trust.rules import OFFBOARD
 
@@ -32,8 +31,8 @@ SETPOINTS = {84, 82, 86}
 class Field:
     """The stub on real sockets, and the app as a process. Everything that reaches the vehicle is noted.
 
-    paced: the two keep one clock, so that a busy machine makes a flight slower and no worse. Not where the app is to
-    fall silent: the stub would wait for it.
+    The two keep one clock, so that a busy machine makes a flight slower and no worse: until the app is to fall silent,
+    when the stub may not wait for it (`wait_for_nobody`).
     """
 
     def __init__(
@@ -42,14 +41,14 @@ class Field:
         library: str = "pymavlink",
         vehicle_id: int = 1,
         *,
-        paced: bool = False,
+        speed: float = 1.0,
         world: dict[str, object] | None = None,
         sections: dict[str, object] | None = None,
         **vehicle: object,
     ) -> None:
         usual = {"seed": 8, "params": {"COM_OBL_RC_ACT": 5}, "system_id": vehicle_id}
         self.stub = Stub(airborne(**{"distance_m": 80.0, **usual, **(world or {})}))
-        self.server = Server(self.stub, {"offboard": Endpoint(0, 0), "gcs": Endpoint(0, 0)})
+        self.server = Server(self.stub, {"offboard": Endpoint(0, 0), "gcs": Endpoint(0, 0)}, speed)
         self.pilot = Peer(self.stub)
         self.setpoints_s: list[float] = []
         self.modes_asked = 0
@@ -74,19 +73,17 @@ class Field:
             **(sections or {}),
         }
         self.config.write_text(yaml.safe_dump(settings))
-        self.app: subprocess.Popen[bytes] | None = None
-        self.pace_file = directory / "pace" if paced else None
+        self.pace_file = directory / "pace"
         self.start()
 
     def start(self) -> None:
-        command = [sys.executable, "-m", "tests.trust.app_that_hangs", "fly", str(self.config), "--wait", "0"]
-        environment = {**os.environ, "PYTHONPATH": str(ROOT), "PACE_FILE": str(self.pace_file or "")}
-        self.app = subprocess.Popen(command, cwd=ROOT, env=environment, stdout=subprocess.DEVNULL)
-        if self.pace_file is not None:
-            while not (self.pace_file.exists() and self.pace_file.stat().st_size == PACE_FILE_SIZE):
-                assert self.app.poll() is None, "the app has ended before it flew"
-                time.sleep(0.01)
-            self.server._pace = Pace(self.pace_file)
+        arguments = ("fly", str(self.config), "--wait", "0")
+        streams = {"stdin": subprocess.PIPE, "stdout": subprocess.DEVNULL}
+        self.app = start_app(*arguments, pace_file=self.pace_file, speed=self.server.speed, cwd=ROOT, **streams)
+        self.server._pace = Pace(wait_for_pace(self.pace_file, self.app))
+
+    def wait_for_nobody(self) -> None:
+        self.server._pace = Alone(self.pace_file)
 
     def run(self, for_s: float, until=lambda: False) -> None:
         end_s = self.stub.now_s + for_s
@@ -106,23 +103,15 @@ class Field:
         return [t for t in self.setpoints_s if t >= from_s]
 
     def close(self) -> None:
-        assert self.app is not None
         self.app.send_signal(signal.SIGCONT)
         self.app.kill()
-        self.app.wait()
+        self.app.communicate()
         self.server.close()
 
 
 @pytest.fixture
 def field(tmp_path, library):
     f = Field(tmp_path, library)
-    yield f
-    f.close()
-
-
-@pytest.fixture
-def paced_field(tmp_path, library):
-    f = Field(tmp_path, library, paced=True)
     yield f
     f.close()
 
@@ -145,6 +134,7 @@ def test_silence_failsafe_and_no_way_back_in(field, library, fault):
     """Figures: the last setpoint within a period, 0.02 s (pymavlink), or 200 ms (MAVSDK). The time is printed."""
     field.engage()
     app = field.app
+    field.wait_for_nobody()
     signals = {"killed": "SIGKILL", "stopped": "SIGSTOP", "blocked": "SIGUSR1"}
     app.send_signal(getattr(signal, signals.get(fault, "SIGUSR2")))
     began_s = field.stub.now_s
@@ -159,6 +149,8 @@ def test_silence_failsafe_and_no_way_back_in(field, library, fault):
     elif fault == "stopped":
         field.run(0.4)
         app.send_signal(signal.SIGCONT)
+    else:
+        os.write(app.stdin.fileno(), b"\n")  # it hangs no longer
     field.run(4.0)
     assert field.since(began_s + 0.2) == [], "the aircraft was taken back"
     assert field.modes_asked == 0
@@ -172,18 +164,21 @@ def test_silence_failsafe_and_no_way_back_in(field, library, fault):
 @pytest.mark.realtime
 @pytest.mark.soak
 @pytest.mark.parametrize("library", ["pymavlink", "mavsdk"])
-def test_an_orbit_is_flown_through_either_library(paced_field, library):
+def test_an_orbit_is_flown_through_either_library(tmp_path, library):
     """The same flight over real sockets: engaged by a pilot, settled, and held. The error is the stub's own truth."""
-    field = paced_field
-    field.engage()
-    errors: list[float] = []
-    for _ in range(300):
-        field.run(0.2)
-        errors.append(field.stub.truth().horizontal_range_m - 50.0)
-    print(f"{library}: greatest error of the last 15 s {max(abs(e) for e in errors[-75:]):.2f} m")
-    assert field.mode == "OFFBOARD"
-    assert max(abs(e) for e in errors[-75:]) < 1.5
-    assert field.modes_asked == 0
+    field = Field(tmp_path, library, speed=1.0 if library == "mavsdk" else 5.0)  # MAVSDK keeps the wall's time
+    try:
+        field.engage()
+        errors: list[float] = []
+        for _ in range(300):
+            field.run(0.2)
+            errors.append(field.stub.truth().horizontal_range_m - 50.0)
+        print(f"{library}: greatest error of the last 15 s {max(abs(e) for e in errors[-75:]):.2f} m")
+        assert field.mode == "OFFBOARD"
+        assert max(abs(e) for e in errors[-75:]) < 1.5
+        assert field.modes_asked == 0
+    finally:
+        field.close()
 
 
 @pytest.mark.realtime
@@ -197,7 +192,7 @@ def test_any_kind_of_setpoint_is_flown_through_mavsdk(tmp_path, name):
         own = {}
     else:
         radius_m, app, world, own = 50.0, {"limits": {"bank_deg": 20.0}}, {}, {"pitch_deg": -4.37}
-    field = Field(tmp_path, "mavsdk", paced=True, world=world, sections=app, **{"class": name, **own})
+    field = Field(tmp_path, "mavsdk", world=world, sections=app, **{"class": name, **own})
     try:
         field.engage()
         field.run(75.0)
@@ -217,7 +212,7 @@ def test_any_kind_of_setpoint_is_flown_through_mavsdk(tmp_path, name):
 @pytest.mark.parametrize("library", ["pymavlink", "mavsdk"])
 @pytest.mark.parametrize("vehicle", [{}, {"system_id": 7}], ids=["the first one heard", "configured"])
 def test_a_vehicle_with_another_system_id_is_flown(tmp_path, library, vehicle):
-    field = Field(tmp_path, library, 7, paced=True, **vehicle)
+    field = Field(tmp_path, library, 7, **vehicle)
     try:
         field.engage()
         field.run(3.0)
@@ -250,9 +245,8 @@ def mavsdk_child(field: Field) -> int:
 @pytest.mark.realtime
 @pytest.mark.soak
 @pytest.mark.parametrize("library", ["mavsdk"])
-def test_a_mavsdk_that_is_held_up_for_a_moment_costs_no_more_than_that(paced_field):
+def test_a_mavsdk_that_is_held_up_for_a_moment_costs_no_more_than_that(field):
     """A quarter of a second is longer than the silence rule: the stream ends, and begins again at once."""
-    field = paced_field
     field.engage()
     child = mavsdk_child(field)
     for _ in range(12):
@@ -278,6 +272,7 @@ def test_a_setpoint_that_waited_for_mavsdk_is_dropped(field):
     os.kill(child, signal.SIGSTOP)  # one has just left: MAVSDK has nothing in hand
     stopped_s = field.stub.now_s
     field.run(0.2)
+    field.wait_for_nobody()
     field.app.send_signal(signal.SIGSTOP)
     field.run(2.0)
     assert field.mode == "AUTO/LOITER"
@@ -290,8 +285,7 @@ def test_a_setpoint_that_waited_for_mavsdk_is_dropped(field):
 @pytest.mark.realtime
 @pytest.mark.soak
 @pytest.mark.parametrize("library", ["mavsdk"])
-def test_a_polite_end_through_mavsdk_asks_for_hold_and_leaves_nothing_behind(paced_field):
-    field = paced_field
+def test_a_polite_end_through_mavsdk_asks_for_hold_and_leaves_nothing_behind(field):
     field.engage()
     field.app.send_signal(signal.SIGINT)
     field.run(30.0, until=lambda: field.app.poll() is not None)

@@ -12,6 +12,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -77,9 +78,13 @@ class Spoken:
         self.names.append(message.message_name)
 
 
+NOW_S = 1000.0
+
+
 @pytest.fixture
-def child():
-    """A child whose vehicle was found, and the app's end of the pair."""
+def child(monkeypatch):
+    """A child whose vehicle was found, on a clock that stands still, and the app's end of the pair."""
+    monkeypatch.setattr("circumnav_mav.runtime.mavsdk_child.time", SimpleNamespace(monotonic=lambda: NOW_S))
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     theirs.setblocking(False)
     with ours, theirs:
@@ -91,7 +96,7 @@ def child():
 def given(ours: socket.socket, name: str, age_s: float = 0.0) -> None:
     payload, shape = random_payload(name, random.Random(name)), by_name(name)
     frame = Packer(1, 191).pack(name, **shape.unpack(payload, 0, len(payload))._asdict())
-    ours.send(STAMP.pack(time.monotonic() - age_s) + frame)
+    ours.send(STAMP.pack(NOW_S - age_s) + frame)
 
 
 @pytest.mark.parametrize("name", sorted(SETPOINTS))

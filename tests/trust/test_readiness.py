@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import math
 import subprocess
-import sys
-from pathlib import Path
 
 import pytest
 import yaml
@@ -17,13 +15,14 @@ from circumnav_mav.settings_check import Severity, facts, judged
 from circumnav_mav.settings_table import TABLES
 from sitl_stub import Stub
 from sitl_stub.modes import Mode
+from sitl_stub.pace import Pace
 from sitl_stub.server import Endpoint, Server
+from tests.app_process import start_app, wait_for_pace
 from tests.lockstep import OFFBOARD_LINK, Peer, airborne, config
 from tests.trust.test_safety import shows
 from tests.vehicles.ardupilot import COPTER, PLANE, FakeArduPilot
 from tests.vehicles.test_ardupilot import APPS, LOITER
 
-ROOT = Path(__file__).parents[2]
 OK, WARNING, ERROR = Severity.OK, Severity.WARNING, Severity.ERROR
 SAFE = {"COM_OBL_RC_ACT": 5, "COM_RC_OVERRIDE": 3}
 
@@ -454,18 +453,10 @@ def test_the_command_says_it_and_its_exit_code_tells_how_grave_it_is(tmp_path, p
     server = Server(stub, {"offboard": Endpoint(0, 0)})
     file = tmp_path / "c.yaml"
     file.write_text(yaml.safe_dump({"vehicle": {"link": f"udpout://127.0.0.1:{server.port('offboard')}"}}))
-    command = [sys.executable, "-m", "circumnav_mav.cli", "check", str(file), "--live", "--seconds", "6"]
-    child = subprocess.Popen(
-        [
-            sys.executable,
-            "-c",
-            f"import sys; sys.argv[1:] = {command[3:]!r}; from circumnav_mav.cli import main; main()",
-        ],
-        cwd=ROOT,
-        stdout=subprocess.PIPE,
-        text=True,
-    )
+    arguments, pace = ("check", str(file), "--live", "--seconds", "6"), tmp_path / "pace"
+    child = start_app(*arguments, pace_file=pace, cwd=tmp_path, stdout=subprocess.PIPE, text=True)
     try:
+        server._pace = Pace(wait_for_pace(pace, child))
         server.run(60.0, stop=lambda: child.poll() is not None)
         out, _ = child.communicate(timeout=30.0)
     finally:
