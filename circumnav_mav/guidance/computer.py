@@ -162,7 +162,7 @@ class GuidanceComputer:
         if estimate is not None and not (isfinite(estimate.r) and estimate.r > 0.0):
             estimate = None
         self._change_phase(now_s, status, estimate)
-        setpoint, wanted, limits = self._setpoint(now_s, status, estimate)
+        setpoint, wanted, limits = self._setpoint(now_s, status, motion, estimate)
         return Decision(self.phase, self.reason, setpoint, estimate, wanted, limits, source)
 
     def _motion(self, motion: Motion) -> tuple[Motion, str]:
@@ -204,7 +204,7 @@ class GuidanceComputer:
         self._outside_since_s = _since(self._outside_since_s, now_s, error > STRAYED_BANDS * self.band_m)
 
     def _setpoint(
-        self, now_s: float, status: Status, estimate: Estimate | None
+        self, now_s: float, status: Status, motion: Motion, estimate: Estimate | None
     ) -> tuple[TurnRateSetpoint | None, float, Limits]:
         stay = TurnRateSetpoint(now_s, 0.0, 0.0, self.hold_height_m)
         if self.phase is Phase.READY or (self.phase in (Phase.RANGE_LOST, Phase.BROKEN_OFF) and status.held):
@@ -217,7 +217,8 @@ class GuidanceComputer:
             return None, nan, Limits()
         self.entered = self.entered or self._band.r_min <= estimate.r <= self._band.r_max
         band = self._band if self.entered else self._band._replace(r_max=inf)
-        wanted = self._turn_rate(estimate)
+        rivals = self.estimator.rivals(now_s, motion)
+        wanted = self._law.escape(self._turn_rate(estimate), estimate, rivals, self._parameters)
         inside = within(wanted, estimate, band)
         limited = self._limiter.limit(now_s, inside)
         speed = self._settings.context.V

@@ -52,6 +52,41 @@ def mirror(est: Estimate) -> Estimate:
     return Estimate(est.r, est.r_dot, est.V, -est.u, -est.theta, -est.psi, est.px, -est.py, est.wx, -est.wy)
 
 
+class Rival(NamedTuple):
+    """Where one of several hypotheses has the target, and how surely: what a law may fear while they do not agree."""
+
+    share: float  # of the belief
+    px: float  # target minus vehicle at the tick, m
+    py: float
+    wx: float  # drift, m/s
+    wy: float
+    xx: float  # covariance of (p, w) as of the last range; u, v: the two components of w
+    xy: float
+    xu: float
+    xv: float
+    yy: float
+    yu: float
+    yv: float
+    uu: float
+    uv: float
+    vv: float
+
+
+NOBODY = Rival(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+def no_rivals(bank: list[Any], m: Any) -> list[Rival]:
+    """Return none: the hypotheses have no place, or are as good as one."""
+    rivals = [NOBODY]
+    rivals.pop()  # the compiler must see of what the list would be
+    return rivals
+
+
+def no_escape(u: float, est: Estimate, rivals: list[Rival], par: Any) -> float:
+    """Return the law's own turn rate: it knows nothing of rivals."""
+    return u
+
+
 @dataclass(frozen=True, slots=True)
 class LawContext:
     """What a law may know of the flight when its parameters are made. NaN where nothing is configured."""
@@ -73,6 +108,9 @@ class Law:
     options: Mapping[str, float]  # every key of the `law:` section with its default; NaN = not given
     needs: tuple[str, ...]  # fields of Estimate that must be finite
     source: str  # paper and equation
+    escape: Callable[[float, Estimate, list[Rival], Any], float] = no_escape
+    """(u, estimate, rivals, parameters) -> u: what is flown in place of the law's u where hypotheses do not agree. It
+    sees the world as it is, whichever way round the orbit goes."""
     bounds: Mapping[str, Bound] = field(default_factory=dict)  # of options, as far as they have any
 
 
@@ -144,6 +182,8 @@ class Estimator:
     source: str
     places: Callable[[list[Any]], list[tuple[float, float]]] | None = None
     """Where each hypothesis has the target, m, all in one frame; None where the estimator has no place."""
+    rivals: Callable[[list[Any], Moved], list[Rival]] = no_rivals
+    """The likely hypotheses after Moved, while they do not agree; empty once they are as good as one."""
     bounds: Mapping[str, Bound] = field(default_factory=dict)
     """Of options, as far as they have any."""
 

@@ -133,8 +133,9 @@ def _entry(scenario: Scenario, index: int, auto: bool) -> list[tuple[float, int]
             updates.append(
                 (took / 1e3, max(len(one._bank) for one in ([*choice._tried.values()] if auto else [alone])))
             )
-        est = (choice.flown if auto else alone).at(world.t, motion)
-        u = 0.0 if est is None else law.turn_rate(est, par)
+        flown = choice.flown if auto else alone
+        est, rivals = flown.at(world.t, motion), flown.rivals(world.t, motion)
+        u = 0.0 if est is None else law.escape(law.turn_rate(est, par), est, rivals, par)
         world = fly(world, u, chance.plant, 0.0, 0.0)
     return updates
 

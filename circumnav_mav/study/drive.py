@@ -1,7 +1,7 @@
 """One run: the plant, the estimator and the law, tick by tick. Written with global names that the runner binds.
 
-BEGIN, OBSERVE, CARRY and LAW are the kernels of the estimator and the law that fly; `kernels.compiled` binds them, and
-the whole run becomes one compiled program.
+BEGIN, OBSERVE, CARRY, RIVALS, LAW and ESCAPE are the kernels of the estimator and the law that fly; `kernels.compiled`
+binds them, and the whole run becomes one compiled program.
 """
 
 from __future__ import annotations
@@ -23,7 +23,9 @@ def _unbound(*_: Any) -> Any:
 BEGIN: Callable[..., Any] = _unbound
 OBSERVE: Callable[..., Any] = _unbound
 CARRY: Callable[..., Any] = _unbound
+RIVALS: Callable[..., Any] = _unbound
 LAW: Callable[..., Any] = _unbound
+ESCAPE: Callable[..., Any] = _unbound
 
 
 class Setup(NamedTuple):
@@ -106,8 +108,9 @@ def drive(
             refused += mem.verdict == 1.0
         u, r_est = 0.0, nan
         if mem.known > 0.0:
-            est = CARRY(bank, mem, between(anchor, place, motion), est_par)
-            u, r_est = limited(LAW(est, law_par), plant), est.r
+            moved = between(anchor, place, motion)
+            est = CARRY(bank, mem, moved, est_par)
+            u, r_est = limited(ESCAPE(LAW(est, law_par), est, RIVALS(bank, moved), law_par), plant), est.r
         if traced:
             note(trace, n, world, r_est, u)
         world = fly(world, u, plant, gust_x[n] if gusty else 0.0, gust_y[n] if gusty else 0.0)

@@ -59,14 +59,20 @@ class Pilot:
 @cache
 def program(law: str, estimator: str) -> Callable[..., Any]:
     """Return `drive` bound to a law and an estimator, compiled where numba is."""
-    e = ESTIMATORS[estimator]
-    bound: dict[str, Callable[..., Any]] = {
+    return kernels.compiled(drive.drive, bound(law, estimator))
+
+
+def bound(law: str, estimator: str) -> dict[str, Callable[..., Any]]:
+    """Return the kernels of a law and an estimator by the names that `drive` calls them by."""
+    e, flown = ESTIMATORS[estimator], LAWS[law]
+    return {
         "BEGIN": e.begin,
         "OBSERVE": e.observe,
         "CARRY": e.carry,
-        "LAW": LAWS[law].turn_rate,
+        "RIVALS": e.rivals,
+        "LAW": flown.turn_rate,
+        "ESCAPE": flown.escape,
     }
-    return kernels.compiled(drive.drive, bound)
 
 
 def setup(scenario: Scenario) -> drive.Setup:

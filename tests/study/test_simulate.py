@@ -7,12 +7,11 @@ import os
 import numpy as np
 import pytest
 
-from circumnav_mav.guidance.estimators import ESTIMATORS
 from circumnav_mav.guidance.laws import LAWS
 from circumnav_mav.study import drive, kernels
 from circumnav_mav.study.noise import draw, echoes
 from circumnav_mav.study.scenarios import SCENARIOS
-from circumnav_mav.study.simulate import Pilot, fly_one, program, setup, simulate
+from circumnav_mav.study.simulate import Pilot, bound, fly_one, program, setup, simulate
 
 OURS = Pilot("tangent", "drift")
 RAW = Pilot("hashemi2013", "raw", {"kappa": 10.0})
@@ -20,14 +19,12 @@ RAW = Pilot("hashemi2013", "raw", {"kappa": 10.0})
 
 def plain(scenario, pilot, seed, index, steps, trace):
     """Fly with the very functions that fly, not compiled."""
-    e = ESTIMATORS[pilot.estimator]
-    bound = {"BEGIN": e.begin, "OBSERVE": e.observe, "CARRY": e.carry, "LAW": LAWS[pilot.law].turn_rate}
     chance = draw(scenario, seed, index)
     est_par, law_par = pilot.parameters(scenario)
     s = setup(scenario)._replace(steps=steps)
     gaps = np.array(scenario.gaps_s, dtype=float).reshape(-1, 2)
     noise = (chance.range_error_m, chance.rate_error_m_s, chance.gust_x, chance.gust_y)
-    run = kernels._twin(drive.drive, bound)
+    run = kernels._twin(drive.drive, bound(pilot.law, pilot.estimator))
     return run(s, chance.plant, chance.start, *noise, gaps, est_par, law_par, trace)
 
 

@@ -11,7 +11,7 @@ the flight leave one. An alarm on its innovations starts the ring again.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from math import atan2, cos, hypot, isnan, nan, pi, sin
+from math import atan2, cos, exp, hypot, isnan, nan, pi, sin
 
 from circumnav_mav.guidance.bounds import ALARM, NOISE, Bound, forgets, refuse_options
 from circumnav_mav.guidance.estimators.drift_gaussian import (
@@ -46,6 +46,8 @@ from circumnav_mav.guidance.kernel import (
     Memory,
     Moved,
     Reading,
+    Rival,
+    no_rivals,
 )
 
 RING = 16
@@ -270,6 +272,20 @@ def places(bank: list[Drift]) -> list[tuple[float, float]]:
     return [(h.px, h.py) for h in bank]
 
 
+def rivals(bank: list[Drift], m: Moved) -> list[Rival]:
+    """Return the likely hypotheses after a motion, while there are more than three kinds of air of two places."""
+    views = no_rivals(bank, m)
+    if len(bank) <= 2 * len(STIRS):
+        return views
+    most, (dx, dy) = bank[best_of(bank)].log_weight, displacement(m)
+    for h in bank:
+        if h.log_weight > most - LIKELY:
+            px, py, wx, wy, s, xx, xy, xu, xv, _, yy, yu, yv, _, uu, uv, _, vv, _, _, _, log_weight = h
+            px, py = px - (1.0 + s) * dx - wx * m.dt, py - (1.0 + s) * dy - wy * m.dt
+            views.append(Rival(exp(log_weight - most), px, py, wx, wy, xx, xy, xu, xv, yy, yu, yv, uu, uv, vv))
+    return views
+
+
 def parameters(options: Mapping[str, float], context: EstimatorContext) -> Parameters:
     """Return the kernel's parameters; priors and noises are shares of the airspeed, so that they suit any vehicle."""
     given = {**OPTIONS, **options}
@@ -322,6 +338,7 @@ ESTIMATOR = Estimator(
     carry=carry,
     covariance=covariance,
     places=places,
+    rivals=rivals,
     parameters=parameters,
     options=OPTIONS,
     bounds=BOUNDS,

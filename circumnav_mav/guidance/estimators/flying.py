@@ -21,6 +21,7 @@ from circumnav_mav.guidance.kernel import (
     Motion,
     Moved,
     Reading,
+    Rival,
 )
 from circumnav_mav.guidance.trail import Place, Trail
 from circumnav_mav.types import RangeSample, Rejected
@@ -91,11 +92,20 @@ class FlyingEstimator:
 
     def at(self, now_s: float, motion: Motion) -> Estimate | None:
         """Return the estimate carried to `now_s`; None while the target is not known well enough to fly on."""
+        moved = self._moved(now_s, motion)
+        return None if moved is None else self._kernels.carry(self._bank, self._mem, moved, self._par)
+
+    def rivals(self, now_s: float, motion: Motion) -> list[Rival]:
+        """Return the likely hypotheses carried to `now_s`, while they do not agree where the target is."""
+        moved = self._moved(now_s, motion)
+        return [] if moved is None else self._kernels.rivals(self._bank, moved)
+
+    def _moved(self, now_s: float, motion: Motion) -> Moved | None:
+        """Return how the vehicle moved since the last sample; None while there is nothing to carry."""
         place = self._trail.at(now_s, motion)
         if self._anchor is None or place is None or self._mem.known == 0.0:
             return None
-        moved = self._trail.between(self._anchor, place, motion)
-        return self._kernels.carry(self._bank, self._mem, moved, self._par)
+        return self._trail.between(self._anchor, place, motion)
 
     def covariance(self) -> tuple[float, ...]:
         """Return the variances that the estimator's module names, as of the last sample."""
