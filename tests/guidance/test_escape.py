@@ -7,11 +7,25 @@ from math import hypot, inf, nan
 
 import pytest
 
+from circumnav_mav.guidance.computer import GuidanceComputer, GuidanceSettings, Status
 from circumnav_mav.guidance.estimators import drift
 from circumnav_mav.guidance.estimators.drift_gaussian import again
-from circumnav_mav.guidance.kernel import NOBODY, Estimate, EstimatorContext, Memory, Moved, Reading, Rival
+from circumnav_mav.guidance.kernel import (
+    NOBODY,
+    Estimate,
+    EstimatorContext,
+    LawContext,
+    Memory,
+    Motion,
+    Moved,
+    Reading,
+    Rival,
+)
 from circumnav_mav.guidance.laws.escape import CHANGE, HARMLESS, TURN, depth, escape, full_turn, risk
+from circumnav_mav.study.noise import draw
 from circumnav_mav.study.plant import Plant, World, fly
+from circumnav_mav.study.scenarios import SCENARIOS
+from circumnav_mav.types import RangeSample
 
 V, LIMIT, LAG, ROOM = 15.0, 0.458, 0.5, 64.0
 FULL = (ROOM, LIMIT, LAG)
@@ -72,20 +86,25 @@ def test_a_turn_under_way_is_kept_until_the_other_is_much_safer(side):
 
 
 def test_it_is_the_same_in_a_mirror():
-    draw = random.Random(3)
+    chance = random.Random(3)
     changed = 0
     for _ in range(300):
         rivals = [
-            rival(draw.gauss(70.0, 40.0), draw.gauss(0.0, 50.0), draw.random(), (draw.gauss(0, 5), draw.gauss(0, 5)))
+            rival(
+                chance.gauss(70.0, 40.0),
+                chance.gauss(0.0, 50.0),
+                chance.random(),
+                (chance.gauss(0, 5), chance.gauss(0, 5)),
+            )
             for _ in range(4)
         ]
         rivals = [
             h._replace(xx=300.0, yy=300.0, uu=9.0, vv=9.0, xu=9.0, yv=9.0)._replace(
-                **{key: draw.gauss(0.0, most) for key, most in (("xy", 90.0), ("xv", 9.0), ("yu", 9.0), ("uv", 2.0))}
+                **{key: chance.gauss(0.0, most) for key, most in (("xy", 90.0), ("xv", 9.0), ("yu", 9.0), ("uv", 2.0))}
             )
             for h in rivals
         ]
-        u, flown = draw.uniform(-LIMIT, LIMIT), draw.uniform(-LIMIT, LIMIT)
+        u, flown = chance.uniform(-LIMIT, LIMIT), chance.uniform(-LIMIT, LIMIT)
         there = escape(u, seen(90.0, flown), rivals, *FULL)
         back = escape(-u, seen(90.0, -flown), [mirrored(h) for h in rivals], *FULL)
         assert back == pytest.approx(-there)
@@ -109,9 +128,11 @@ def test_a_full_turn_is_the_one_that_the_plant_flies(side, lag, u):
 
 def test_the_depth_is_the_mean_over_the_gaussian_of_a_hypothesis():
     """Against 1,000 draws of place and drift a case, each flown past: near, but three places are coarse."""
-    draw, coarse = random.Random(8), 0
+    chance, coarse = random.Random(8), 0
     for _ in range(20):
-        h = rival(draw.uniform(20.0, 120.0), draw.uniform(-60.0, 60.0), 1.0, (draw.gauss(0, 4), draw.gauss(0, 4)))
+        h = rival(
+            chance.uniform(20.0, 120.0), chance.uniform(-60.0, 60.0), 1.0, (chance.gauss(0, 4), chance.gauss(0, 4))
+        )
         h = h._replace(xx=15.0**2, yy=15.0**2, uu=2.0**2, vv=2.0**2)
         path = full_turn(1.0, seen(), LIMIT, LAG)
         if inside_now(h):
@@ -119,7 +140,10 @@ def test_the_depth_is_the_mean_over_the_gaussian_of_a_hypothesis():
         total = 0.0
         for _ in range(1000):
             one = h._replace(
-                px=draw.gauss(h.px, 15.0), py=draw.gauss(h.py, 15.0), wx=draw.gauss(h.wx, 2.0), wy=draw.gauss(h.wy, 2.0)
+                px=chance.gauss(h.px, 15.0),
+                py=chance.gauss(h.py, 15.0),
+                wx=chance.gauss(h.wx, 2.0),
+                wy=chance.gauss(h.wy, 2.0),
             )
             least = min(hypot(one.px - x - one.wx * t, one.py - y - one.wy * t) for t, x, y in path)
             total += max(1.0 - least / ROOM, 0.0) ** 2
@@ -150,3 +174,28 @@ def test_a_bank_that_agrees_has_no_rivals():
     par = drift.parameters({}, EstimatorContext(80.0, V, LIMIT))
     bank = [drift.ring_member(100.0, 0.3, 1.0, par, -float(i)) for i in range(6)]
     assert drift.rivals(bank, Moved(0.0, 0.0, 0.0, 0.0, V, 0.0, 0.0)) == []
+
+
+@pytest.mark.parametrize("clockwise", [True, False])
+def test_the_computer_flies_the_way_out_on_either_orbit(clockwise):
+    """An entry of the study's R_wind7 that came to 2.0 m without it, flown by what flies; and its mirror image."""
+    scenario, seed, index = SCENARIOS["R_wind7"], 336, 968
+    chance, mirror = draw(scenario, seed, index), 1.0 if clockwise else -1.0
+    context = LawContext(scenario.r_a_m, V, scenario.limit_rad_s, scenario.lag_s)
+    computer = GuidanceComputer(
+        GuidanceSettings("tangent", {}, "drift", {}, context, clockwise, inf, 1.0, 20.0, scenario.sigma_r_m)
+    )
+    world, least = chance.start, inf
+    for n in range(round(30.0 / scenario.control_s)):
+        motion, r = Motion(V, mirror * world.u, mirror * world.psi), hypot(world.x, world.y)
+        if n % scenario.range_every == 0:
+            sample = RangeSample(
+                world.t, r + chance.range_error_m[n // scenario.range_every], sigma_m=scenario.sigma_r_m
+            )
+            computer.on_sample(sample, motion, nan, nan)
+        held = Status(heard=True, held=True, released=False, ending=False, why="", motion=motion)
+        decision = computer.tick(world.t, held)
+        u = decision.setpoint.turn_rate_rad_s if decision.setpoint else 0.0
+        world = fly(world, mirror * u, chance.plant, 0.0, 0.0)
+        least = min(least, hypot(world.x, world.y))
+    assert least > 0.5 * scenario.r_a_m
