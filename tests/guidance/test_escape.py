@@ -177,9 +177,9 @@ def test_a_bank_that_agrees_has_no_rivals():
 
 
 @pytest.mark.parametrize("clockwise", [True, False])
-@pytest.mark.parametrize(("seed", "index"), [(339, 606), (385, 249), (398, 930)])
+@pytest.mark.parametrize(("seed", "index"), [(339, 606), (398, 930)])
 def test_the_computer_flies_the_way_out_on_either_orbit(seed, index, clockwise):
-    """Entries of the study's R_wind7 that come to 2 to 6 m without it, flown by what flies; and their mirror images."""
+    """Entries of the study's R_wind7 that need it, flown by what flies; and their mirror images."""
     scenario = SCENARIOS["R_wind7"]
     chance, mirror = draw(scenario, seed, index), 1.0 if clockwise else -1.0
     context = LawContext(scenario.r_a_m, V, scenario.limit_rad_s, scenario.lag_s)
@@ -199,4 +199,4 @@ def test_the_computer_flies_the_way_out_on_either_orbit(seed, index, clockwise):
         u = decision.setpoint.turn_rate_rad_s if decision.setpoint else 0.0
         world = fly(world, mirror * u, chance.plant, 0.0, 0.0)
         least = min(least, hypot(world.x, world.y))
-    assert least > 0.25 * scenario.r_a_m
+    assert least > 0.5 * scenario.r_a_m
