@@ -18,7 +18,7 @@ from typer.testing import CliRunner
 
 from circumnav_mav.cli import app
 from circumnav_mav.study import compare
-from circumnav_mav.study.estimation_claims import claims, pilot_s_time
+from circumnav_mav.study.estimation_claims import ENTRIES, claims, entries, pilot_s_time
 from circumnav_mav.study.noise import draw
 from circumnav_mav.study.plant import World
 from circumnav_mav.study.scenarios import SCENARIOS
@@ -96,6 +96,16 @@ def test_the_pilot_who_sees_flies_the_length_of_the_tangent_and_the_turn():
 def test_the_claims_of_the_page_are_printed():
     lines = list(claims(3, 1))
     assert [line.split(",")[0] for line in lines] == ["P_calm", "P_calm", "R_calm", "R_calm", "R_wind5", "X_gusts"]
+
+
+def test_the_entries_that_come_too_near_are_counted_and_the_nearest_is_named():
+    """Against the rows themselves: least_range of a whole run is that of its entry."""
+    lines = list(entries(2, 12, 7))
+    assert [line.split(",")[0] for line in lines] == list(ENTRIES)
+    least = [simulate(SCENARIOS["R_moving"], Pilot(*compare.BEST), 12, seed)["least_range"] for seed in (7, 8)]
+    seed, index = np.unravel_index(np.argmin(least), (2, 12))
+    assert f"0 entries come nearer than a quarter of the radius; the nearest comes to {np.min(least):.1f} m" in lines[0]
+    assert f"(seed {7 + seed}, entry {index})" in lines[0]
 
 
 def run(*arguments):
