@@ -40,13 +40,15 @@ def escape(u: float, est: Estimate, rivals: list[Rival], room: float, limit: flo
     """
     if len(rivals) == 0 or est.r - room > 2.0 * est.V * (TURN / limit + lag):  # a drift is slower than the vehicle
         return u
-    left, right = risk(1.0, est, rivals, room, limit, lag), risk(-1.0, est, rivals, room, limit, lag)
-    if min(left, right) <= HARMLESS:
-        return u
     turning = est.u if abs(est.u) > UNDER_WAY * limit else u
-    if turning > 0.0:
-        return -limit if right < CHANGE * left else limit
-    return limit if left < CHANGE * right else -limit
+    side = 1.0 if turning > 0.0 else -1.0
+    here = risk(side, est, rivals, room, limit, lag)
+    if here <= HARMLESS:
+        return u
+    other = risk(-side, est, rivals, room, limit, lag)
+    if other <= HARMLESS:
+        return u
+    return -side * limit if other < CHANGE * here else side * limit
 
 
 def risk(side: float, est: Estimate, rivals: list[Rival], room: float, limit: float, lag: float) -> float:
@@ -81,9 +83,10 @@ def depth(h: Rival, path: list[tuple[float, float, float]], room: float) -> floa
 
     It is ((room - r) / room)^2, squared since half as deep is less than half as bad; the mean over its Gaussian.
     """
+    px, py, wx, wy = h.px, h.py, h.wx, h.wy
     least, at, ex, ey = 1e300, 0.0, 0.0, 0.0
     for t, x, y in path:
-        dx, dy = h.px - x - h.wx * t, h.py - y - h.wy * t
+        dx, dy = px - x - wx * t, py - y - wy * t
         square = dx * dx + dy * dy
         if square < least:
             least, at, ex, ey = square, t, dx, dy
@@ -95,7 +98,7 @@ def depth(h: Rival, path: list[tuple[float, float, float]], room: float) -> floa
     off = SPREAD * sqrt(max(ex * ex * xx + 2.0 * ex * ey * xy + ey * ey * yy, 0.0))
     if r - off >= room:
         return 0.0
-    now = inside(sqrt(h.px * h.px + h.py * h.py), room)
+    now = inside(sqrt(px * px + py * py), room)
     return max(0.3 * inside(r - off, room) + 0.4 * inside(r, room) + 0.3 * inside(r + off, room) - now, 0.0)
 
 
