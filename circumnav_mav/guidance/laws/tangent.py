@@ -30,6 +30,9 @@ ROOM = 0.8
 LONG_TURN, HALF_TURN = 1.0, 2.6
 """Heading errors, rad, above which the side of the turn is chosen, and above which the turn under way decides it."""
 
+NEAR = 0.4
+"""Share of r_a: a turn that would pass nearer is given up for the other one, if that is better by what it costs."""
+
 
 class Parameters(NamedTuple):
     r_a: float  # orbit radius, m
@@ -99,6 +102,27 @@ def turned(error: float, est: Estimate, par: Parameters) -> float:
     return other if least_range(est, other, par, par.lag) > short else error
 
 
+def held(vx: float, vy: float, est: Estimate, par: Parameters) -> bool:
+    """Return whether the turn under way is held, whichever side the target is now said to lie on.
+
+    On a course that would pass the target within r_min, from where the other turn, with all it takes to build up, would
+    not keep r_min: judged by range and range rate, which all hypotheses share. While two of them, mirror images in the
+    course, take the lead in turns, every change of sides would take the lag back that the last one has paid, and the
+    vehicle would fly straight on to the target. Not held is a turn that would pass near, where the other one is better
+    by more than the way that a change costs if it is a mistake: across, and on the mean half the way back.
+    """
+    ahead, across = est.px * vx + est.py * vy, est.px * vy - est.py * vx
+    inwards = ahead > 0.0 and abs(across) < par.r_min * hypot(vx, vy)
+    if not (inwards and abs(est.u) > UNDER_WAY * par.limit):
+        return False
+    half, built = (pi if est.u > 0.0 else -pi), min(abs(est.u) / par.limit, 1.0)
+    other = least_range(est, -half, par, par.lag * (1.0 + built))
+    if other > par.r_min:
+        return False
+    here = least_range(est, half, par, par.lag * (1.0 - built))
+    return here > NEAR * par.r_a or other < here + ahead / max(est.r, 1e-3) * par.lag * (2.0 + built)
+
+
 def turn_rate(est: Estimate, par: Parameters) -> float:
     """Return u [rad/s, + counter-clockwise] for the clockwise orbit, within the limit."""
     if est.V <= 0.0:
@@ -109,6 +133,8 @@ def turn_rate(est: Estimate, par: Parameters) -> float:
         error = turned(error, est, par)
     h = max(par.lag, 0.1)
     vx, vy = est.V * cos(est.psi) + est.wx, est.V * sin(est.psi) + est.wy
+    if held(vx, vy, est, par):
+        return par.limit if est.u > 0.0 else -par.limit
     _, later = heading(est.px - vx * h, est.py - vy * h, est.psi + est.u * h, est, par)
     calm = exp(-4.0 * error * error)  # far from its heading the vehicle does not follow the field: no preview
     u = rate + par.gain * error + calm * par.lag * ((later - rate) / h + par.gain * (rate - est.u))
