@@ -92,7 +92,7 @@ def compare(
     law: Annotated[Several, typer.Option(help="by name; may be given again (default: our best)")] = None,
     estimator: Annotated[Several, typer.Option(help="by name; may be given again (default: our best)")] = None,
     everything: Annotated[bool, typer.Option("--all", help="every law on every estimator it can fly on")] = False,
-    runs: Annotated[int, typer.Option(help="flights a row", min=1)] = 1000,
+    runs: Annotated[int, typer.Option(help="flights a row", min=1, max=1_000_000)] = 1000,
     seed: Seed = 1,
     json: JsonFile = None,
     workers: Workers = None,

@@ -484,6 +484,7 @@ class Flight:
             int(decision.limits.saturated),
             int(decision.limits.slewed),
             int(decision.limits.barrier),
+            int(decision.limits.way_out),
             self.rejected.total(),
             lateness_s,
             missed_ticks,

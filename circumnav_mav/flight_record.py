@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from typing import NamedTuple
 
+from circumnav_mav.guidance.computer import Limits
 from circumnav_mav.guidance.phases import ENGAGED
 
 
@@ -36,6 +37,7 @@ class TickRecord(NamedTuple):
     saturated: int  # 1: the law wanted more than the turn-rate limit
     slewed: int  # 1: and a faster change than the turn-acceleration limit
     barrier: int  # 1: its turn rate was changed, to stay within r_min and r_max
+    way_out: int  # 1: it gave way to the safer full turn, while the bearing was several
     rejected: int  # ranges rejected so far
     lateness_s: float
     missed_ticks: int
@@ -52,7 +54,7 @@ class LimitedTicks:
         """Take in one tick."""
         if tick.phase in ENGAGED:
             self._engaged += 1
-            self._counts.update({"saturated": tick.saturated, "slewed": tick.slewed, "barrier": tick.barrier})
+            self._counts.update({name: getattr(tick, name) for name in Limits._fields})
 
     def words(self) -> str:
         """Return the shares of the engaged ticks; empty before the first."""

@@ -34,8 +34,8 @@ class Summary:
     error_from: truth (the stub's, in the demo) or estimate (the app's own, in a real flight). settle_time_s: from
     engagement until the error stays within max(5 % of the radius, 3 sigma_r) for good; None if it never does. tail: the
     last half of the time from settling to the end of the orbit. limited: shares of the engaged ticks in which the law's
-    turn rate was saturated, slewed, or changed by the barrier at r_min and r_max. target: the columns of ticks.csv that
-    tell it, when it was last known while engaged. Figures that do not exist are None.
+    turn rate was saturated, slewed, changed by the barrier at r_min and r_max, or gave way to a way out. target: the
+    columns of ticks.csv that tell it, when it was last known while engaged. Figures that do not exist are None.
     """
 
     outcome: str
@@ -57,7 +57,7 @@ class Summary:
 
     def write(self, path: Path) -> None:
         """Write the figures as JSON. Raises OSError."""
-        path.write_text(json.dumps(asdict(self), indent=2) + "\n", encoding="utf-8")
+        path.write_text(json.dumps(_known(asdict(self)), indent=2) + "\n", encoding="utf-8")
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,13 +121,14 @@ def summarise(
 def last_target(ticks: dict[str, list[str]]) -> dict[str, float | None] | None:
     """Return where the target was and how it drifted by the last engaged tick that knew it; None where none did."""
     known = [
-        phase in ENGAGED_NAMES and bool(east)
+        phase in ENGAGED_NAMES and math.isfinite(float(east))
         for phase, east in zip(ticks.get("phase", []), ticks.get("target_east_m", []), strict=False)
     ]
     if not any(known):
         return None
     last = len(known) - 1 - known[::-1].index(True)
-    return {name: float(ticks[name][last]) if ticks[name][last] else None for name in TARGET_COLUMNS}
+    values = {name: float(ticks[name][last]) for name in TARGET_COLUMNS}
+    return {name: value if math.isfinite(value) else None for name, value in values.items()}
 
 
 def track_of(config: Config, ticks: dict[str, list[str]], truth: dict[str, list[str]] | None) -> Track:
@@ -275,3 +276,10 @@ def _draw_turn_rate(axes: Any, config: Config, ticks: dict[str, list[str]]) -> N
     axes.set(xlabel="flight time [s]", ylabel="turn rate u [rad/s], + left")
     axes.legend(loc="best", fontsize=8)
     axes.grid(alpha=0.3)
+
+
+def _known(value: Any) -> Any:
+    """Return the value with null for every number that is not one: JSON has none."""
+    if isinstance(value, dict):
+        return {key: _known(one) for key, one in value.items()}
+    return None if isinstance(value, float) and not math.isfinite(value) else value

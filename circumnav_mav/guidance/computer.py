@@ -72,6 +72,7 @@ class Limits(NamedTuple):
     saturated: bool = False  # more than the turn-rate limit
     slewed: bool = False  # changed faster than the turn-acceleration limit
     barrier: bool = False  # led out of the range band
+    way_out: bool = False  # gave way to the safer full turn: no harmless one was left by all that is believed
 
 
 @dataclass(frozen=True, slots=True)
@@ -218,12 +219,13 @@ class GuidanceComputer:
         self.entered = self.entered or self._band.r_min <= estimate.r <= self._band.r_max
         band = self._band if self.entered else self._band._replace(r_max=inf)
         rivals = self.estimator.rivals(now_s, motion)
-        wanted = self._law.escape(self._turn_rate(estimate), estimate, rivals, self._parameters)
-        inside = within(wanted, estimate, band)
+        wanted = self._turn_rate(estimate)
+        safe = self._law.escape(wanted, estimate, rivals, self._parameters)
+        inside = within(safe, estimate, band)
         limited = self._limiter.limit(now_s, inside)
         speed = self._settings.context.V
         setpoint = TurnRateSetpoint(now_s, limited.turn_rate_rad_s, speed, self.hold_height_m)
-        return setpoint, wanted, Limits(limited.saturated, limited.slewed, inside != wanted)
+        return setpoint, wanted, Limits(limited.saturated, limited.slewed, inside != safe, safe != wanted)
 
     def _turn_rate(self, estimate: Estimate) -> float:
         if self._settings.clockwise:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -84,22 +85,23 @@ def test_what_was_taken_from_the_law_is_a_share_of_the_engaged_ticks():
         "saturated": ["0", "1", "1", "0", "0"],
         "slewed": ["0", "1", "0", "0", "0"],
         "barrier": ["0", "0", "0", "0", "0"],
+        "way_out": ["1", "1", "0", "0", "0"],
     }
     summary = summarise(Config(), RESULT, ticks, None)
-    assert summary.limited == {"saturated": 0.6667, "slewed": 0.3333, "barrier": 0.0}
-    assert any("saturated 66.7%, slewed 33.3%, barrier 0.0%" in line for line in lines(summary))
+    assert summary.limited == {"saturated": 0.6667, "slewed": 0.3333, "barrier": 0.0, "way_out": 0.3333}
+    assert any("saturated 66.7%, slewed 33.3%, barrier 0.0%, way_out 33.3%" in line for line in lines(summary))
 
 
 def test_the_place_of_the_target_is_the_last_that_was_known_while_engaged():
     columns = {
-        "target_lat_deg": ["", "47.5", "47.6", "", "47.9"],
-        "target_lon_deg": ["", "8.5", "8.6", "", "8.9"],
-        "target_east_m": ["", "10", "-20", "", "99"],
-        "target_north_m": ["", "5", "30", "", "99"],
-        "target_sigma_m": ["", "4", "2.5", "", "9"],
-        "drift_east_m_s": ["", "1", "1.5", "", "9"],
-        "drift_north_m_s": ["", "0", "-0.5", "", "9"],
-        "drift_sigma_m_s": ["", "", "", "", "9"],
+        "target_lat_deg": ["nan", "47.5", "47.6", "nan", "47.9"],
+        "target_lon_deg": ["nan", "8.5", "8.6", "nan", "8.9"],
+        "target_east_m": ["nan", "10", "-20", "nan", "99"],
+        "target_north_m": ["nan", "5", "30", "nan", "99"],
+        "target_sigma_m": ["nan", "4", "2.5", "nan", "9"],
+        "drift_east_m_s": ["nan", "1", "1.5", "nan", "9"],
+        "drift_north_m_s": ["nan", "0", "-0.5", "nan", "9"],
+        "drift_sigma_m_s": ["nan", "nan", "nan", "nan", "9"],
     }
     ticks = {
         "t_s": ["1", "2", "3", "4", "5"],
@@ -116,6 +118,16 @@ def test_the_place_of_the_target_is_the_last_that_was_known_while_engaged():
         "drift +1.5 m/s east, -0.5 m/s north"
     )
     assert summarise(Config(), RESULT, ticks, None).target is None
+    unknown = {name: ["nan"] * 5 for name in columns}
+    assert summarise(Config(), RESULT, ticks | unknown, None).target is None
+
+
+def test_the_figures_are_json_whatever_was_never_known(tmp_path):
+    summary = replace(summarise(Config(), RESULT, {}, None), duration_s=math.nan, target={"t_s": math.inf})
+    summary.write(tmp_path / "f.json")
+    text = (tmp_path / "f.json").read_text()
+    figures = json.loads(text, parse_constant=lambda word: pytest.fail(f"{word} is no JSON"))
+    assert figures["duration_s"] is None and figures["target"] == {"t_s": None} and figures["phase"] == RESULT.phase
 
 
 def test_a_flight_without_a_truth_is_drawn_too(tmp_path):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import random
-from math import hypot, inf, nan
+from math import cos, exp, hypot, inf, nan, sin
 
 import pytest
 
@@ -75,7 +75,7 @@ def test_with_no_harmless_turn_left_the_safer_one_is_flown_whatever_the_law_says
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_a_turn_under_way_is_kept_until_the_other_is_much_safer(side):
     """To change costs the way that stopping one turn and building up the other take; so it must be worth it."""
-    wind, turning = (7.0, 0.0), side * 0.4
+    wind, turning = (7.0, 0.0), side * 0.12
     even = [rival(80.0, 15.0, 0.5, wind), rival(80.0, -15.0, 0.5, wind)]
     assert min(risk(s, seen(81.0, turning), even, *FULL) for s in (1.0, -1.0)) > HARMLESS
     assert escape(-side * LIMIT, seen(81.0, turning), even, *FULL) == side * LIMIT
@@ -155,19 +155,61 @@ def inside_now(h: Rival) -> bool:
     return hypot(h.px, h.py) < ROOM
 
 
+def test_what_the_vehicle_is_in_already_is_no_risk_and_deeper_is():
+    """From 30 m, a turn away and one past the target: only what lies below 30 m counts."""
+    path = full_turn(1.0, seen(30.0), LIMIT, LAG)
+    assert depth(rival(-30.0, 0.0), path, ROOM) == 0.0
+    beside = rival(15.0, 26.0)
+    least = min(hypot(beside.px - x, beside.py - y) for _, x, y in path)
+    assert least < 25.0 and hypot(15.0, 26.0) == pytest.approx(30.0, abs=0.1)
+    now = (1.0 - hypot(15.0, 26.0) / ROOM) ** 2
+    assert depth(beside, path, ROOM) == pytest.approx((1.0 - least / ROOM) ** 2 - now)
+
+
+def test_an_unsure_drift_blurs_where_the_target_will_be_and_what_goes_with_the_place_can_undo_it():
+    """(p - w t) has the variance xx - 2 t xu + t^2 uu; on a course straight past, the target 100 m abeam at the end."""
+    path = [(0.0, 0.0, 0.0), (5.0, 75.0, 0.0)]
+    still = rival(75.0, 80.0)
+    assert depth(still, path, ROOM) == 0.0
+    blurred = still._replace(yy=100.0, vv=25.0)  # 10 m and 5 m/s: 27 m in 5 s
+    together = blurred._replace(yv=49.0)  # nearly all of it moves with the place
+    apart = blurred._replace(yv=-49.0)
+    near = [80.0 - 1.3 * (100.0 - 10.0 * h.yv + 625.0) ** 0.5 for h in (together, blurred, apart)]
+    for h, r in zip((together, blurred, apart), near, strict=True):
+        assert depth(h, path, ROOM) == pytest.approx(0.3 * max(1.0 - r / ROOM, 0.0) ** 2)
+    assert near[0] > ROOM - 5.0 > near[1] > near[2]
+
+
+@pytest.mark.parametrize("field", ["r", "V", "psi", "u"])
+@pytest.mark.parametrize("bad", [nan, inf])
+def test_what_is_not_finite_becomes_no_turn(field, bad):
+    """It goes on to the limits, which refuse it, and say so."""
+    rivals = [rival(60.0, 5.0), rival(60.0, -5.0)]
+    assert abs(escape(0.1, seen(60.0), rivals, *FULL)) == LIMIT
+    assert escape(0.1, seen(60.0)._replace(**{field: bad}), rivals, *FULL) == 0.1
+    assert escape(bad, seen(60.0), rivals, *FULL) is bad
+
+
 def test_rivals_are_the_likely_hypotheses_where_they_are_at_the_tick():
     """While the ring is open; the leader is where `carry` has it, and what is hardly believed is left out."""
     par = drift.parameters({}, EstimatorContext(80.0, V, LIMIT))
     bank, mem = drift.begin(par), Memory()
     mem = drift.observe(bank, mem, Moved(0.0, 0.0, 0.0, 0.0, V, 0.0, 0.0), Reading(150.0, nan, 1.0), par)
     bank[3] = again(bank[3], 1.0, -20.0)
+    bank[5] = bank[5]._replace(wx=2.0, wy=-3.0, s=0.1, log_weight=-1.0)
     later = Moved(0.4, 6.0, 0.3, 0.1, V, 0.25, 0.1)
     rivals = drift.rivals(bank, later)
     assert len(rivals) == len(bank) - 1
     lead = drift.carry(bank, mem, later, par)
     assert (rivals[0].px, rivals[0].py, rivals[0].wx) == (lead.px, lead.py, lead.wx)
-    assert all(h.share == 1.0 for h in rivals)
-    assert {round(hypot(h.px + later.ahead, h.py + later.left)) for h in rivals} == {150}
+    assert sorted(h.share for h in rivals) == pytest.approx([exp(-1.0)] + [1.0] * (len(bank) - 2))
+    adrift, was = rivals[4], bank[5]  # the fourth is left out
+    assert adrift.px == pytest.approx(
+        was.px - 1.1 * later.ahead * cos(0.0) + 1.1 * later.left * sin(0.0) - 2.0 * later.dt
+    )
+    assert adrift.py == pytest.approx(was.py - 1.1 * later.left + 3.0 * later.dt)
+    others = [h for h in rivals if h is not adrift]
+    assert {round(hypot(h.px + later.ahead, h.py + later.left)) for h in others} == {150}
 
 
 def test_a_bank_that_agrees_has_no_rivals():

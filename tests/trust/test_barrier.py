@@ -23,7 +23,7 @@ from circumnav_mav.guidance.barrier import (
     walk,
     within,
 )
-from circumnav_mav.guidance.computer import band_of
+from circumnav_mav.guidance.computer import Limits, band_of
 from circumnav_mav.guidance.kernel import Estimate
 from tests.lockstep import ENGAGED_NAMES, Rig, airborne, config
 
@@ -297,6 +297,6 @@ def test_the_record_shows_the_laws_own_turn_rate_and_each_thing_that_was_taken_f
             assert tick.saturated == (abs(wanted) > limits.turn_rate_rad_s)
             inside = max(-limits.turn_rate_rad_s, min(limits.turn_rate_rad_s, wanted))
             assert tick.slewed == (abs(inside - before.turn_rate_sent_rad_s) > step * (1 + 1e-9))
-    assert {name for name in ("saturated", "slewed", "barrier") if any(getattr(t, name) for t in ticks)} == reached
-    shares = [sum(getattr(t, name) for t in ticks[1:]) / len(ticks[1:]) for name in ("saturated", "slewed", "barrier")]
-    assert counted.words() == "saturated {:.1%}, slewed {:.1%}, barrier {:.1%}".format(*shares)
+    assert {name for name in Limits._fields if any(getattr(t, name) for t in ticks)} == reached
+    shares = [sum(getattr(t, name) for t in ticks[1:]) / len(ticks[1:]) for name in Limits._fields]
+    assert counted.words() == "saturated {:.1%}, slewed {:.1%}, barrier {:.1%}, way_out {:.1%}".format(*shares)

@@ -273,7 +273,9 @@ def places(bank: list[Drift]) -> list[tuple[float, float]]:
 
 
 def rivals(bank: list[Drift], m: Moved) -> list[Rival]:
-    """Return the likely hypotheses after a motion, while there are more than three kinds of air of two places."""
+    """Return the likely hypotheses after a motion, while more than six are kept: three kinds of air of two places are
+    left to the law. Covariances are as of the last range.
+    """
     views = no_rivals(bank, m)
     if len(bank) <= 2 * len(STIRS):
         return views

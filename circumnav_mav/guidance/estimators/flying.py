@@ -96,7 +96,7 @@ class FlyingEstimator:
         return None if moved is None else self._kernels.carry(self._bank, self._mem, moved, self._par)
 
     def rivals(self, now_s: float, motion: Motion) -> list[Rival]:
-        """Return the likely hypotheses carried to `now_s`, while they do not agree where the target is."""
+        """Return the likely hypotheses carried to `now_s`, while the estimator keeps many; few are as good as one."""
         moved = self._moved(now_s, motion)
         return [] if moved is None else self._kernels.rivals(self._bank, moved)
 

@@ -9,7 +9,7 @@ says what that buys.
 
 from __future__ import annotations
 
-from math import cos, exp, sin, sqrt
+from math import cos, exp, isfinite, sin, sqrt
 
 from circumnav_mav.guidance.kernel import Estimate, Rival
 
@@ -38,6 +38,8 @@ def escape(u: float, est: Estimate, rivals: list[Rival], room: float, limit: flo
 
     room: range that a turn should leave, m. limit: the full turn, rad/s. lag: first-order lag of the turn rate, s.
     """
+    if not isfinite(u + est.r + est.V + est.psi + est.u):
+        return u  # the limits refuse what is not finite, and say so: it must not become a turn here
     if len(rivals) == 0 or est.r - room > 2.0 * est.V * (TURN / limit + lag):  # a drift is slower than the vehicle
         return u
     turning = est.u if abs(est.u) > UNDER_WAY * limit else u
