@@ -163,7 +163,8 @@ class App:
         now_s = self.flight.resume(now_s, self._take_in)
         self._last_tick_s = now_s
         frames, record = self.flight.tick(now_s, lateness_s, missed)
-        self._send(VEHICLE, frames)
+        if not self._send(VEHICLE, frames):
+            record = record._replace(turn_rate_sent_rad_s=nan)
         self._send(RANGING, self.flight.questions(now_s))
         self._recorder.tick(record)
         self._limited.count(record)
@@ -176,12 +177,14 @@ class App:
             link.drain()
         return self._clock.now()
 
-    def _send(self, link: str, frames: list[bytes]) -> None:
+    def _send(self, link: str, frames: list[bytes]) -> bool:
+        """Return whether all of them left."""
         for frame in frames:
             if self._silenced or self.flight.was_away(self._clock.now()):  # since this tick began: it decided too early
-                return
+                return False
             self._links[link].send(frame)
             self._recorder.frame(frame)
+        return True
 
     def _watch(self, now_s: float, record: TickRecord) -> None:
         """See to the end of the flight, and show what goes on."""

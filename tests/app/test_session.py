@@ -8,6 +8,7 @@ import pytest
 
 from circumnav_mav.config import Config
 from circumnav_mav.flight import VEHICLE
+from circumnav_mav.flight_record import TickRecord
 from circumnav_mav.guidance.phases import Phase
 from circumnav_mav.mavlink.vehicles.fitness import Unfit
 from circumnav_mav.runtime.app import FIT_WITHIN, App, Options
@@ -39,16 +40,17 @@ class Hands(Clock):
 def test_a_tick_that_is_held_up_before_it_sends_sends_nothing_old(held_s, leaves):
     """A machine may stand still there, too, with no signal: the autopilot may fly on its own when it is back."""
     sent: list[bytes] = []
+    recorded: list[TickRecord] = []
     clock, ignore = Hands(), lambda *_: None
-    quiet = SimpleNamespace(frame=ignore, tick=ignore, event=ignore, show=ignore)
+    quiet = SimpleNamespace(frame=ignore, tick=recorded.append, event=ignore, show=ignore)
     app = App(Config(), clock, quiet, quiet, Options())
     app._links[VEHICLE] = SimpleNamespace(send=sent.append, drain=lambda: 0, send_errors=0)
     decide = app.flight.tick
 
     def held_up(*arguments):
-        decided = decide(*arguments)
+        frames, record = decide(*arguments)
         clock.s += held_s
-        return decided
+        return frames, record._replace(turn_rate_sent_rad_s=0.2)
 
     for clock.s in (0.0, 0.4, 0.8):
         app._tick(clock.s, 0.0, 0)
@@ -56,6 +58,7 @@ def test_a_tick_that_is_held_up_before_it_sends_sends_nothing_old(held_s, leaves
     clock.s, app.flight.tick = 1.2, held_up
     app._tick(clock.s, 0.0, 0)
     assert len(sent) == (2 if leaves else 1)
+    assert (recorded[-1].turn_rate_sent_rad_s == 0.2) == leaves, "the record says what left"
 
 
 def waiting() -> App:
